@@ -1,0 +1,87 @@
+"""Deform meshes by integrating vector-valued 1-forms, on NVIDIA Warp.
+
+    import oneform_warp as ow
+
+    x, faces = ow.shapes.bar()
+    z = x[:, 2]
+    handles = [ow.Handle(z < 0.1, held=True), ow.Handle(z > 0.9, axis="z", angle=180)]
+    y = ow.deform(x, faces, handles)
+
+Names load on first use, so importing the package initialises nothing.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from oneform_warp import filters as filters
+    from oneform_warp import shapes as shapes
+    from oneform_warp.deformer import Deformation, Deformer, deform
+    from oneform_warp.errors import FileError, InputError, NotConverged, OneFormWarning
+    from oneform_warp.exactness import cycle_residual, is_exact, path_integral
+    from oneform_warp.fields import Fields, smooth_fields
+    from oneform_warp.forms import codifferential, differential, edge_energy, energy, transform
+    from oneform_warp.graph import Graph
+    from oneform_warp.handles import Handle
+    from oneform_warp.solvers import CG, Jacobi, Solution, Status, solve
+    from oneform_warp.tree import SpanningTree, integrate_tree, spanning_tree
+
+__version__ = "0.1.0"
+
+_HOME = {
+    "deformer": ["Deformation", "Deformer", "deform"],
+    "errors": ["FileError", "InputError", "NotConverged", "OneFormWarning"],
+    "exactness": ["cycle_residual", "is_exact", "path_integral"],
+    "fields": ["Fields", "smooth_fields"],
+    "forms": ["codifferential", "differential", "edge_energy", "energy", "transform"],
+    "graph": ["Graph"],
+    "handles": ["Handle"],
+    "solvers": ["CG", "Jacobi", "Solution", "Status", "solve"],
+    "tree": ["SpanningTree", "integrate_tree", "spanning_tree"],
+}
+_MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
+
+__all__ = [
+    "CG",
+    "Deformation",
+    "Deformer",
+    "Fields",
+    "FileError",
+    "Graph",
+    "Handle",
+    "InputError",
+    "Jacobi",
+    "NotConverged",
+    "OneFormWarning",
+    "Solution",
+    "SpanningTree",
+    "Status",
+    "codifferential",
+    "cycle_residual",
+    "deform",
+    "differential",
+    "edge_energy",
+    "energy",
+    "integrate_tree",
+    "is_exact",
+    "path_integral",
+    "shapes",
+    "smooth_fields",
+    "solve",
+    "spanning_tree",
+    "transform",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name == "shapes":
+        return import_module("oneform_warp.shapes")
+    if name not in _MODULE_OF:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"oneform_warp.{_MODULE_OF[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    return [*__all__, "__version__", "filters"]

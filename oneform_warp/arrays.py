@@ -1,0 +1,111 @@
+"""The boundary: the caller's arrays are checked once here and become (count, 3) float64 rows, and back again.
+
+Inside, every 0-form and 1-form has three columns; D = 1 and D = 2 leave the others zero. A plane turned about its
+normal is a special case of space, so one set of kernels serves all.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from oneform_warp.errors import InputError
+
+__all__ = ["Rows", "read_rows", "to_device", "vertex_mask"]
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """Checked rows, and how the caller spelled them."""
+
+    data: NDArray[np.float64]
+    """(count, 3), the columns past `dimension` zero."""
+    dimension: int
+    flat: bool
+    """The caller gave shape (count,) for D = 1."""
+    dtype: np.dtype[Any]
+    device: Any
+    """The Warp device of the caller's array, None for NumPy."""
+
+    def like(self, values: NDArray[np.float64]) -> Any:
+        """(count, 3) float64 -> the caller's number of columns, dtype, and kind of array."""
+        columns = values[:, 0] if self.flat else values[:, : self.dimension]
+        result = np.ascontiguousarray(columns, dtype=self.dtype)
+        if self.device is None:
+            return result
+        scalar = wp.float64 if self.dtype == np.float64 else wp.float32
+        dtype = scalar if self.flat else wp.types.vector(self.dimension, scalar)
+        return wp.array(result, dtype=dtype, device=self.device)
+
+
+def read_rows(values: Any, count: int | None, name: str) -> Rows:
+    """NumPy or Warp rows of D = 1, 2 or 3 numbers -> Rows; `count` is the number of rows that there must be.
+
+    Raises InputError for another shape, numbers that are not real, and the first row that is not finite.
+    """
+    device = values.device if isinstance(values, wp.array) else None
+    array = np.asarray(values.numpy() if device is not None else values)
+    if array.dtype.kind not in "fiub" or array.ndim not in (1, 2):
+        raise InputError(
+            f"a {array.dtype} array of shape {array.shape} has no rows of real numbers",
+            where=name,
+            fix="give shape (count, D) with D = 1, 2 or 3",
+        )
+    flat = array.ndim == 1
+    rows = array.reshape(len(array), 1) if flat else array
+    if not 1 <= rows.shape[1] <= 3:
+        raise InputError(f"rows of {rows.shape[1]} numbers", where=name, fix="D is 1, 2 or 3")
+    if count is not None and len(rows) != count:
+        raise InputError(f"{len(rows)} rows where {count} are needed", where=name, fix=f"give {count} rows")
+    data = np.zeros((len(rows), 3))
+    data[:, : rows.shape[1]] = rows
+    finite = np.isfinite(data).all(axis=1)
+    if not finite.all():
+        row = int(np.argmin(finite))
+        raise InputError(
+            f"row {row} is {rows[row].tolist()}, not finite",
+            where=name,
+            fix="remove or repair NaN and infinity",
+        )
+    dtype = array.dtype if array.dtype in (np.float32, np.float64) else np.dtype(np.float64)
+    return Rows(data, rows.shape[1], flat, dtype, device)
+
+
+def to_device(data: NDArray[np.float64], device: Any) -> wp.array[wp.vec3d]:
+    """(count, 3) float64 rows as a Warp array of vec3d; a copy, also on CPU."""
+    return wp.array(data, dtype=wp.vec3d, device=device, copy=True)
+
+
+def vertex_mask(vertices: Any, vertex_count: int, where: str = "fixed") -> NDArray[np.bool_]:
+    """Vertices by index or mask, None for none -> mask (V,). InputError for numbers out of range or a wrong length."""
+    mask = np.zeros(vertex_count, dtype=bool)
+    if vertices is None:
+        return mask
+    chosen = np.atleast_1d(np.asarray(vertices.numpy() if isinstance(vertices, wp.array) else vertices))
+    if chosen.dtype == bool:
+        if chosen.shape != (vertex_count,):
+            raise InputError(
+                f"a mask of shape {chosen.shape} for {vertex_count} vertices",
+                where=where,
+                fix=f"give ({vertex_count},)",
+            )
+        return chosen.copy()
+    if chosen.size and (chosen.dtype.kind not in "iu" or chosen.ndim != 1):
+        raise InputError(
+            f"a {chosen.dtype} array of shape {chosen.shape} names no vertices",
+            where=where,
+            fix="give vertex numbers or a boolean mask",
+        )
+    wrong = (chosen < 0) | (chosen >= vertex_count)
+    if wrong.any():
+        raise InputError(
+            f"vertex number {chosen[np.argmax(wrong)]} does not exist, there are {vertex_count} vertices",
+            where=where,
+            fix=f"use numbers from 0 to {vertex_count - 1}",
+        )
+    mask[chosen.astype(np.int64)] = True
+    return mask

@@ -1,0 +1,310 @@
+"""The whole way: rest positions, faces and handles -> deformed positions."""
+
+from __future__ import annotations
+
+import time
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from oneform_warp.arrays import Rows, read_rows
+from oneform_warp.errors import InputError, NotConverged, OneFormWarning
+from oneform_warp.fields import JUMP_LIMIT, Fields, NodeFields, Smoothing, fast_edges, node_fields
+from oneform_warp.forms import node_differential, node_transform
+from oneform_warp.graph import Graph
+from oneform_warp.handles import Handle, held_nodes
+from oneform_warp.solvers import CG, Progress, Solution, Solver
+from oneform_warp.solvers.least_squares import keep_centroids
+from oneform_warp.solvers.rows import power_of_two
+from oneform_warp.starts import Problem, Start, start_from
+from oneform_warp.weights import Weights
+
+__all__ = ["Deformation", "Deformer", "deform"]
+
+
+@dataclass(frozen=True, eq=False)
+class Deformation(Solution):
+    """A Solution for a mesh, with everything on the way to it; `x` are the new positions, in x's shape and dtype."""
+
+    energy: float
+    """phi(x) = sum mu_ij |x_j - x_i - v_ij|^2, in squared units of x."""
+    fields: Fields
+    v: NDArray[np.float64]
+    """The 1-form, (m, D) on `graph.edges`, in the unit of x."""
+    estimate: Any
+    """The start that the solver improved, like x; with start="maximal" the paper's tree estimate."""
+    warnings: tuple[str, ...]
+    seconds: dict[str, float]
+    """Wall time of each stage."""
+
+    @property
+    def omega(self) -> Any:
+        """The rotation vectors in radians, (V, 3); D = 2: angles (V,); D = 1: None."""
+        return self.fields.omega
+
+    @property
+    def sigma(self) -> Any:
+        """The stretches, (V,)."""
+        return self.fields.sigma
+
+
+class Deformer:
+    """A mesh or graph at rest, ready to be deformed again and again.
+
+    x: rest positions (V, D), any unit, NumPy or Warp. faces: (F, k) array, list of polygons, (indices, offsets), or a
+    Graph. weights, weld, extra_edges, device: see `Graph.from_faces`. solver: default CG().
+    """
+
+    def __init__(
+        self,
+        x: Any,
+        faces: Any,
+        *,
+        weights: Weights = "cotangent",
+        weld: float | None = 0.0,
+        extra_edges: Any = None,
+        extra_weight: float = 1.0,
+        solver: Solver | None = None,
+        device: Any = None,
+    ) -> None:
+        rows = read_rows(x, None, "x")
+        where = rows.device if device is None and rows.device is not None else device
+        self.weights = weights
+        self.solver: Solver = CG() if solver is None else solver
+        if isinstance(faces, Graph):
+            self.graph = faces
+        else:
+            self.graph = Graph.from_faces(
+                rows.data,
+                faces,
+                weights=weights,
+                weld=weld,
+                extra_edges=extra_edges,
+                extra_weight=extra_weight,
+                device=where,
+            )
+        self._rest_on(rows)
+
+    def rest_on(self, x: Any) -> None:
+        """Takes another rest pose of the same mesh: the weld and the edges stay, weights by kind are measured anew."""
+        rows = read_rows(x, self.graph.vertex_count, "x")
+        if self.graph.polygons is not None and isinstance(self.weights, str):
+            self.graph = self.graph.with_weights(self.weights, rows.data)
+        self._rest_on(rows)
+
+    def _rest_on(self, rows: Rows) -> None:
+        if len(rows.data) != self.graph.vertex_count:
+            raise InputError(
+                f"{len(rows.data)} positions for a graph of {self.graph.vertex_count} vertices",
+                where="x",
+                fix="give one row per vertex",
+            )
+        self.rows = rows
+        # Centred and scaled to about the unit box, by a power of two: exact, and float32 inside cannot overflow.
+        low, high = rows.data.min(axis=0, initial=np.inf), rows.data.max(axis=0, initial=-np.inf)
+        size = float((high - low).max()) if len(rows.data) else 1.0
+        if not np.isfinite(size):
+            raise InputError("the positions span more than float64 holds", where="x", fix="use a larger unit")
+        self._scale = power_of_two(size)
+        self._centre = low / 2.0 + high / 2.0 if len(rows.data) else np.zeros(3)
+        self._rest = self.graph.nodes_from(self._inside(rows.data))
+        self._previous: wp.array[wp.vec3d] | None = None
+
+    def _inside(self, data: NDArray[np.float64]) -> NDArray[np.float64]:
+        inside: NDArray[np.float64] = (data - self._centre) / self._scale
+        return inside
+
+    def _outside(self, x: wp.array[wp.vec3d]) -> Any:
+        """Positions per node -> the caller's: x plus the displacement, so that what did not move keeps every bit."""
+        moved = (x.numpy() - self._rest.numpy())[self.graph.node_of] * self._scale
+        return self.rows.like(np.where(moved == 0.0, self.rows.data, self.rows.data + moved))
+
+    def deform(self, handles: Sequence[Handle] = (), **options: Any) -> Any:
+        """The new positions, in the shape, dtype and kind of array of x; options as for `solve`.
+
+        Warns OneFormWarning for what the user should look at, NotConverged where the solver gave up.
+        """
+        solution = self.solve(handles, **options)
+        for text in solution.warnings:
+            warnings.warn(text, OneFormWarning, stacklevel=2)
+        if not solution.converged:
+            warnings.warn(str(solution.status), NotConverged, stacklevel=2)
+        return solution.x
+
+    def solve(
+        self,
+        handles: Sequence[Handle] = (),
+        *,
+        fields: Fields | None = None,
+        sweeps: int | None = None,
+        length: float | None = None,
+        start: Start = "rest",
+        progress: Progress | None = None,
+    ) -> Deformation:
+        """Fields from handles, v_ij = sigma_ij R(omega_ij) dx_ij, and min sum mu_ij |x_j - x_i - v_ij|^2.
+
+        fields: painted omega and sigma per vertex; handles then only hold. sweeps, length: how far handles reach,
+        see `Smoothing`; default the harmonic limit. start: "rest", "previous", "min_depth", "maximal", "minimal",
+        "zero", or positions (V, D); "previous" is the last solution of this Deformer.
+        A component with nothing held keeps its centroid. Raises InputError before any kernel runs.
+        """
+        clock = _Clock(self.graph.device)
+        handles = list(handles)
+        held = held_nodes(self.graph, handles)
+        nodes = self._fields(handles, fields, Smoothing(sweeps, length))
+        clock.stop("fields")
+        v = node_transform(self.graph, node_differential(self.graph, self._rest), nodes.omega, nodes.sigma)
+        clock.stop("1-form")
+        begin = self._start(start, v, held)
+        clock.stop("start")
+        state = self.solver.prepare(self.graph, held)
+        clock.stop("prepare")
+        solution = self.solver.solve(state, v, begin, progress=progress)
+        keep_centroids(state.system, solution.x, self._rest)
+        self._previous = solution.x
+        clock.stop("solve")
+        notes = [
+            *_field_notes(self.graph, nodes),
+            *([] if fields is not None else _bare_notes(self.graph, handles)),
+        ]
+        return self._report(solution, nodes, v, begin, notes, clock)
+
+    def _fields(self, handles: list[Handle], fields: Fields | None, smoothing: Smoothing) -> NodeFields:
+        if fields is None:
+            scaled = smoothing
+            if smoothing.length is not None:
+                scaled = Smoothing(length=smoothing.length / self._scale)
+            return node_fields(
+                self.graph,
+                handles,
+                dimension=self.rows.dimension,
+                smoothing=scaled,
+                x=self._rest,
+                solver=self.solver,
+            )
+        for number, handle in enumerate(handles):
+            if not handle.held:
+                raise InputError(
+                    "fields are given, so handles can only hold",
+                    where=handle.label(number),
+                    fix="set held=True, or drop fields",
+                )
+        return NodeFields.of(self.graph, fields, self.rows.dimension)
+
+    def _start(self, start: Start, v: wp.array[wp.vec3d], held: NDArray[np.bool_]) -> wp.array[wp.vec3d]:
+        problem = Problem(self.graph, self._rest, v, self._previous, self.rows.dimension)
+        begin = start_from(start, problem, self._inside)
+        if begin is self._rest:
+            return begin
+        values, rest = begin.numpy().copy(), self._rest.numpy()
+        fixed = held.copy()
+        fixed[self.graph.component_offsets[self.graph.solved_components] :] = True
+        values[fixed] = rest[fixed]
+        return wp.array(values, dtype=wp.vec3d, device=self.graph.device)
+
+    def _report(
+        self,
+        solution: Solution,
+        nodes: NodeFields,
+        v: wp.array[wp.vec3d],
+        begin: wp.array[wp.vec3d],
+        notes: list[str],
+        clock: _Clock,
+    ) -> Deformation:
+        columns = self.rows.dimension
+        difference = node_differential(self.graph, solution.x).numpy() - v.numpy()
+        phi = float((self.graph.mu.numpy() * np.einsum("ij,ij->i", difference, difference)).sum())
+        return Deformation(
+            x=self._outside(solution.x),
+            status=solution.status,
+            iterations=solution.iterations,
+            restarts=solution.restarts,
+            residual=solution.residual[:, :columns] * self._scale,
+            goal=solution.goal[:, :columns] * self._scale,
+            history=solution.history,
+            energy=phi * self._scale**2,
+            fields=nodes.per_vertex(self.graph, columns),
+            v=v.numpy()[:, :columns] * self._scale,
+            estimate=self._outside(begin),
+            warnings=tuple(notes),
+            seconds=clock.seconds,
+        )
+
+
+def deform(
+    x: Any,
+    faces: Any,
+    handles: Sequence[Handle],
+    *,
+    weights: Weights = "cotangent",
+    weld: float | None = 0.0,
+    extra_edges: Any = None,
+    extra_weight: float = 1.0,
+    solver: Solver | None = None,
+    device: Any = None,
+    **options: Any,
+) -> Any:
+    """The new positions of x under handles: Deformer(x, faces, ...).deform(handles, ...), once.
+
+    x: (V, D); faces: as for `Deformer`; options: fields, sweeps, length, start, progress as for `Deformer.solve`.
+    -> shape, dtype and kind of array of x. See Also: Deformer, for many deformations of one mesh.
+    """
+    deformer = Deformer(
+        x,
+        faces,
+        weights=weights,
+        weld=weld,
+        extra_edges=extra_edges,
+        extra_weight=extra_weight,
+        solver=solver,
+        device=device,
+    )
+    return deformer.deform(handles, **options)
+
+
+class _Clock:
+    """Wall time of each stage, with the device's queue empty at every stop."""
+
+    def __init__(self, device: Any) -> None:
+        self.device, self.seconds = device, dict[str, float]()
+        self.last = time.perf_counter()
+
+    def stop(self, stage: str) -> None:
+        wp.synchronize_device(self.device)
+        now = time.perf_counter()
+        self.seconds[stage], self.last = now - self.last, now
+
+
+def _field_notes(graph: Graph, nodes: NodeFields) -> list[str]:
+    """What to look at in the fields."""
+    notes = [f"the fields are not smooth yet: {s.status}" for s in nodes.solutions if not s.converged]
+    count, first = fast_edges(graph, nodes.omega, JUMP_LIMIT)
+    if count:
+        i, j = graph.edges[first]
+        notes.append(
+            f"the rotation changes by more than 45 degrees along {count} edges (the first joins vertices {i} and {j}); "
+            "at 180 a turn is lost: put more vertices between the handles, or more room"
+        )
+    return notes
+
+
+def _bare_notes(graph: Graph, handles: list[Handle]) -> list[str]:
+    """Names the components that no handle touches."""
+    touched = np.zeros(graph.component_count, dtype=bool)
+    for number, handle in enumerate(handles):
+        touched[graph.components[handle.mask(graph.vertex_count, number)]] = True
+    bare = np.flatnonzero(~touched)
+    if not len(bare):
+        return []
+    sizes = np.bincount(graph.components, minlength=graph.component_count)
+    first = [int(graph.vertex_at[graph.component_offsets[c] : graph.component_offsets[c + 1]].min()) for c in bare[:3]]
+    named = ", ".join(f"the one of vertex {v} ({sizes[c]} vertices)" for v, c in zip(first, bare[:3], strict=True))
+    more = f" and {len(bare) - 3} more" if len(bare) > 3 else ""
+    return [
+        f"no handle touches {len(bare)} of {graph.component_count} components, they stay as they are: {named}{more}"
+    ]

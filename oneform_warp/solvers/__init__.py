@@ -1,0 +1,12 @@
+"""Solvers of the least squares problem on the 1-form, as frozen value objects.
+
+`prepare(graph, pinned) -> state` once, `solve(state, v, start) -> Solution` often; every solver has both.
+"""
+
+from oneform_warp.solvers.cg import CG
+from oneform_warp.solvers.jacobi import Jacobi
+from oneform_warp.solvers.least_squares import Solver, solve
+from oneform_warp.solvers.refinement import State
+from oneform_warp.solvers.solution import Progress, Solution, Status
+
+__all__ = ["CG", "Jacobi", "Progress", "Solution", "Solver", "State", "Status", "solve"]

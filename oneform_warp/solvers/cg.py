@@ -1,0 +1,276 @@
+"""Conjugate gradients with the Jacobi preconditioner, each component and column with its own alpha and beta."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from oneform_warp.graph import Graph
+from oneform_warp.segments import launch_chunks, launch_components, sum_of_chunks
+from oneform_warp.solvers.batches import Batches
+from oneform_warp.solvers.precision import in_both_precisions, precision_named
+from oneform_warp.solvers.refinement import Correction, State, Watch, refine
+from oneform_warp.solvers.rows import LaplacianRows, scaled_right_hand_side
+from oneform_warp.solvers.solution import Progress, Solution
+from oneform_warp.solvers.system import System
+from oneform_warp.solvers.validation import check_limits
+
+__all__ = ["CG"]
+
+Scalar = wp.float32
+Vector = wp.vec3
+
+BATCH = 8
+"""Iterations between two looks at the residual from the host."""
+
+
+@in_both_precisions
+def _start(
+    chunk_offsets: wp.array[wp.int32],
+    # In:
+    inverse_diagonal: wp.array[Scalar],
+    r: wp.array[Vector],
+    # Out:
+    e_out: wp.array[Vector],
+    p_out: wp.array[Vector],
+    rz_out: wp.array[wp.vec3d],
+    rr_out: wp.array[wp.vec3d],
+):
+    k, lane = wp.tid()
+    rz = wp.vec3d()
+    rr = wp.vec3d()
+    for i in range(chunk_offsets[k] + lane, chunk_offsets[k + 1], wp.block_dim()):
+        z = inverse_diagonal[i] * r[i]
+        e_out[i] = Vector()
+        p_out[i] = z
+        rz += wp.vec3d(wp.cw_mul(r[i], z))
+        rr += wp.vec3d(wp.cw_mul(r[i], r[i]))
+    wp.tile_store(rz_out, wp.tile_sum(wp.tile(rz, preserve_type=True)), offset=k)
+    wp.tile_store(rr_out, wp.tile_sum(wp.tile(rr, preserve_type=True)), offset=k)
+
+
+@in_both_precisions
+def _product(
+    chunk_offsets: wp.array[wp.int32],
+    # Graph:
+    offsets: wp.array[wp.int32],
+    neighbours: wp.array[wp.int32],
+    weight: wp.array[Scalar],
+    attachment: wp.array[Scalar],
+    inverse_diagonal: wp.array[Scalar],
+    # In:
+    p: wp.array[Vector],
+    # Out:
+    q_out: wp.array[Vector],
+    pq_out: wp.array[wp.vec3d],
+):
+    k, lane = wp.tid()
+    pq = wp.vec3d()
+    for i in range(chunk_offsets[k] + lane, chunk_offsets[k + 1], wp.block_dim()):
+        q = Vector()
+        p_i = p[i]
+        if inverse_diagonal[i] > Scalar(0.0):
+            for h in range(offsets[i], offsets[i + 1]):
+                q += weight[h] * (p_i - p[neighbours[h]])
+            if attachment.shape[0] > 0:
+                q += attachment[i] * p_i
+        q_out[i] = q
+        pq += wp.vec3d(wp.cw_mul(p_i, q))
+    wp.tile_store(pq_out, wp.tile_sum(wp.tile(pq, preserve_type=True)), offset=k)
+
+
+@wp.kernel(enable_backward=False)
+def _alpha(
+    component_chunks: wp.array[wp.int32],
+    # In:
+    pq_partial: wp.array[wp.vec3d],
+    rz: wp.array[wp.vec3d],
+    rr: wp.array[wp.vec3d],
+    aim: wp.array[wp.vec3d],
+    # Out:
+    alpha_out: wp.array[wp.vec3d],
+):
+    c, lane = wp.tid()
+    pq = wp.tile_extract(sum_of_chunks(component_chunks, pq_partial, c, lane), 0)
+    alpha = wp.vec3d()
+    for d in range(3):
+        # A column that has arrived stands still; so does one with nothing left to search along.
+        if rr[c][d] > aim[c][d] and pq[d] != wp.float64(0.0):
+            alpha[d] = rz[c][d] / pq[d]
+    if lane == 0:
+        alpha_out[c] = alpha
+
+
+@in_both_precisions
+def _step(
+    chunk_offsets: wp.array[wp.int32],
+    # Graph:
+    chunk_component: wp.array[wp.int32],
+    inverse_diagonal: wp.array[Scalar],
+    # In:
+    alpha: wp.array[wp.vec3d],
+    p: wp.array[Vector],
+    q: wp.array[Vector],
+    # Out:
+    e_out: wp.array[Vector],
+    r_out: wp.array[Vector],
+    rz_out: wp.array[wp.vec3d],
+    rr_out: wp.array[wp.vec3d],
+):
+    k, lane = wp.tid()
+    a = Vector(alpha[chunk_component[k]])
+    rz = wp.vec3d()
+    rr = wp.vec3d()
+    for i in range(chunk_offsets[k] + lane, chunk_offsets[k + 1], wp.block_dim()):
+        r = r_out[i] - wp.cw_mul(a, q[i])
+        e_out[i] = e_out[i] + wp.cw_mul(a, p[i])
+        r_out[i] = r
+        square = wp.cw_mul(r, r)
+        rz += wp.vec3d(inverse_diagonal[i] * square)
+        rr += wp.vec3d(square)
+    wp.tile_store(rz_out, wp.tile_sum(wp.tile(rz, preserve_type=True)), offset=k)
+    wp.tile_store(rr_out, wp.tile_sum(wp.tile(rr, preserve_type=True)), offset=k)
+
+
+@wp.kernel(enable_backward=False)
+def _beta(
+    component_chunks: wp.array[wp.int32],
+    # In:
+    rz_partial: wp.array[wp.vec3d],
+    rr_partial: wp.array[wp.vec3d],
+    # Out:
+    rz_out: wp.array[wp.vec3d],
+    rr_out: wp.array[wp.vec3d],
+    beta_out: wp.array[wp.vec3d],
+):
+    c, lane = wp.tid()
+    rz = wp.tile_extract(sum_of_chunks(component_chunks, rz_partial, c, lane), 0)
+    rr = wp.tile_extract(sum_of_chunks(component_chunks, rr_partial, c, lane), 0)
+    if lane == 0:
+        beta = wp.vec3d()
+        for d in range(3):
+            if rz_out[c][d] != wp.float64(0.0):
+                beta[d] = rz[d] / rz_out[c][d]
+        beta_out[c] = beta
+        rz_out[c] = rz
+        rr_out[c] = rr
+
+
+@in_both_precisions
+def _direction(
+    chunk_offsets: wp.array[wp.int32],
+    # Graph:
+    chunk_component: wp.array[wp.int32],
+    inverse_diagonal: wp.array[Scalar],
+    # In:
+    beta: wp.array[wp.vec3d],
+    r: wp.array[Vector],
+    # Out:
+    p_out: wp.array[Vector],
+):
+    k, lane = wp.tid()
+    b = Vector(beta[chunk_component[k]])
+    for i in range(chunk_offsets[k] + lane, chunk_offsets[k + 1], wp.block_dim()):
+        p_out[i] = inverse_diagonal[i] * r[i] + wp.cw_mul(b, p_out[i])
+
+
+class _Iteration:
+    """The vectors of one system, allocated once, and the launches of one iteration."""
+
+    def __init__(self, rows: LaplacianRows) -> None:
+        self.rows = rows
+        self.floor = rows.precision.floor
+        self.e, self.r, self.p, self.q = (rows.vectors() for _ in range(4))
+        segments = rows.segments
+        self.pq, self.rz, self.rr = (segments.partials() for _ in range(3))
+        self.alpha, self.beta, self.aim, self.rz_sum, self.rr_sum = (segments.zeros() for _ in range(5))
+        self.batches = Batches(self._iterate, segments.device)
+
+    def correct(
+        self,
+        r: wp.array[wp.vec3d],
+        norms: NDArray[np.float64],
+        aim: NDArray[np.float64],
+        budget: int,
+        watch: Watch,
+    ) -> Correction:
+        """See `refinement.Inner`."""
+        rows, segments = self.rows, self.rows.segments
+        unit = scaled_right_hand_side(rows, r, norms, self.r)
+        self.aim.assign((aim / unit) ** 2)
+        launch_chunks(
+            _start(rows.precision),
+            segments,
+            [rows.inverse_diagonal, self.r],
+            [self.e, self.p, self.rz, self.rr],
+        )
+        launch_components(_beta, segments, [self.rz, self.rr], [self.rz_sum, self.rr_sum, self.beta])
+        done = 0
+        while done < budget:
+            done += self.batches.run(min(BATCH, budget - done))
+            squares = self.rr_sum.numpy()
+            if watch(done, unit * np.sqrt(squares)) or not (squares > (aim / unit) ** 2).any():
+                break
+        return Correction(self.e, rows.scale * unit, done)
+
+    def _iterate(self) -> None:
+        rows, segments, precision = self.rows, self.rows.segments, self.rows.precision
+        diagonal = rows.inverse_diagonal
+        launch_chunks(_product(precision), segments, [*rows.arguments(), self.p], [self.q, self.pq])
+        launch_components(_alpha, segments, [self.pq, self.rz_sum, self.rr_sum, self.aim], [self.alpha])
+        launch_chunks(
+            _step(precision),
+            segments,
+            [segments.chunk_component, diagonal, self.alpha, self.p, self.q],
+            [self.e, self.r, self.rz, self.rr],
+        )
+        launch_components(_beta, segments, [self.rz, self.rr], [self.rz_sum, self.rr_sum, self.beta])
+        launch_chunks(
+            _direction(precision), segments, [segments.chunk_component, diagonal, self.beta, self.r], [self.p]
+        )
+
+
+@dataclass(frozen=True)
+class CG:
+    """Preconditioned conjugate gradients: |codiff(v - dx)| <= tol |codiff v| per component and column.
+
+    tol: relative to |codiff v|. max_iterations: over all restarts. dtype: of the inner iterations; positions and the
+    deciding residual are float64 in any case.
+    """
+
+    tol: float = 1.0e-6
+    max_iterations: int = 20_000
+    dtype: Any = "float32"
+
+    def __post_init__(self) -> None:
+        check_limits(self.tol, self.max_iterations)
+        precision_named(self.dtype)
+
+    def prepare(self, graph: Graph, pinned: NDArray[np.bool_], attachment: NDArray[np.float64] | None = None) -> State:
+        """What depends on the graph and its pinned (n,) or attached (n,) nodes alone; serves any v and start."""
+        system = System.of(graph, pinned, attachment)
+        return State(system, _Iteration(LaplacianRows.of(system, precision_named(self.dtype))))
+
+    def solve(
+        self,
+        state: State,
+        v: wp.array[wp.vec3d],
+        start: wp.array[wp.vec3d],
+        *,
+        target: wp.array[wp.vec3d] | None = None,
+        progress: Progress | None = None,
+    ) -> Solution:
+        """From `start` (n,), which holds the pinned values, to the minimiser for v (m,); all per node."""
+        return refine(
+            state,
+            v,
+            wp.clone(start),
+            target=start if target is None else target,
+            tol=self.tol,
+            max_iterations=self.max_iterations,
+            progress=progress,
+        )

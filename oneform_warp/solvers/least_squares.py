@@ -1,0 +1,112 @@
+"""The paper's least squares step as one call on arrays."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any, Protocol
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from oneform_warp.arrays import read_rows, to_device, vertex_mask
+from oneform_warp.errors import InputError
+from oneform_warp.graph import Graph
+from oneform_warp.solvers.cg import CG
+from oneform_warp.solvers.refinement import State
+from oneform_warp.solvers.solution import Progress, Solution
+from oneform_warp.solvers.system import System
+
+__all__ = ["Solver", "keep_centroids", "solve"]
+
+
+class Solver(Protocol):
+    """A solver by value: options in its fields, everything that costs time in `State`."""
+
+    def prepare(self, graph: Graph, pinned: NDArray[np.bool_], attachment: NDArray[np.float64] | None = None) -> State:
+        """What depends on the graph and its pins alone."""
+
+    def solve(
+        self,
+        state: State,
+        v: wp.array[wp.vec3d],
+        start: wp.array[wp.vec3d],
+        *,
+        target: wp.array[wp.vec3d] | None = None,
+        progress: Progress | None = None,
+    ) -> Solution:
+        """The minimiser for v from a start that holds the pinned values, per node."""
+
+
+def solve(
+    graph: Graph,
+    v: Any,
+    *,
+    start: Any = None,
+    fixed: Any = None,
+    solver: Solver | None = None,
+    progress: Progress | None = None,
+) -> Solution:
+    """Min over x of phi(x) = sum mu_ij |x_j - x_i - v_ij|^2, one graph Laplacian and D right-hand sides.
+
+    v: (m, D) on `graph.edges`. start: (V, D), default zero. fixed: vertices, by index or mask, that stay where `start`
+    has them; a component without any keeps the centroid that it has in `start`. solver: default CG().
+    -> Solution, its x (V, D) of v's dtype and kind of array. Raises InputError for bad rows, NaN, wrong shapes.
+    """
+    form = read_rows(v, graph.edge_count, "v")
+    where = np.zeros((graph.vertex_count, form.dimension)) if start is None else start
+    rows = read_rows(where, graph.vertex_count, "start")
+    if rows.dimension != form.dimension:
+        raise InputError(
+            f"start has D = {rows.dimension} and v has D = {form.dimension}",
+            where="start",
+            fix="give both the same D",
+        )
+    pinned = np.zeros(graph.node_count, dtype=bool)
+    pinned[graph.node_of[vertex_mask(fixed, graph.vertex_count)]] = True
+    chosen = CG() if solver is None else solver
+    state = chosen.prepare(graph, pinned)
+    x = graph.nodes_from(rows.data)
+    solution = chosen.solve(state, to_device(form.data, graph.device), x, progress=progress)
+    keep_centroids(state.system, solution.x, x)
+    return replace(
+        solution,
+        x=form.like(graph.vertices_from(solution.x)),
+        residual=solution.residual[:, : form.dimension],
+        goal=solution.goal[:, : form.dimension],
+    )
+
+
+@wp.kernel(enable_backward=False)
+def _shift(
+    # Graph:
+    component: wp.array[wp.int32],
+    # In:
+    shift: wp.array[wp.vec3d],
+    # Out:
+    x_out: wp.array[wp.vec3d],
+):
+    i = wp.tid()
+    x_out[i] = x_out[i] + shift[component[i]]
+
+
+def keep_centroids(system: System, x: wp.array[wp.vec3d], like: wp.array[wp.vec3d]) -> None:
+    """Moves each floating component of x, in place, so that the mean of its vertices is the one it has in `like`."""
+    graph, floating = system.graph, system.floating
+    if not floating.any():
+        return
+    copies = np.bincount(graph.node_of, minlength=graph.node_count)
+    count = np.bincount(graph.node_component, copies, graph.component_count)
+    move = like.numpy() - x.numpy()
+    shift = (
+        np.stack(
+            [np.bincount(graph.node_component, copies * column, graph.component_count) for column in move.T],
+            axis=1,
+        )
+        / count[:, None]
+    )
+    shift[: graph.solved_components][~floating] = 0.0
+    shift[graph.solved_components :] = 0.0
+    component = wp.array(graph.node_component.astype(np.int32), dtype=wp.int32, device=graph.device)
+    by = wp.array(shift, dtype=wp.vec3d, device=graph.device)
+    wp.launch(_shift, dim=graph.node_count, inputs=[component, by], outputs=[x], device=graph.device)

@@ -1,0 +1,173 @@
+"""The least squares problem on the 1-form, in float64 and by differences: what `converged` is judged by."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from oneform_warp.forms import codifferential_at
+from oneform_warp.graph import Graph
+from oneform_warp.segments import launch_chunks, sum_chunks
+
+__all__ = ["System", "residual_at"]
+
+
+@wp.func
+def residual_at(
+    offsets: wp.array[wp.int32],
+    neighbours: wp.array[wp.int32],
+    incident: wp.array[wp.int32],
+    mu: wp.array[wp.float64],
+    x: wp.array[wp.vec3d],
+    v: wp.array[wp.vec3d],
+    i: int,
+) -> wp.vec3d:
+    """r_i = sum_j mu_ij ((x_j - x_i) - v_ij), which is codiff(v - dx); an empty v stands for zero."""
+    r = wp.vec3d()
+    x_i = x[i]
+    for h in range(offsets[i], offsets[i + 1]):
+        e = incident[h]
+        d = x[neighbours[h]] - x_i
+        if e < 0:
+            e = ~e
+            if v.shape[0] > 0:
+                d += v[e]
+        elif v.shape[0] > 0:
+            d -= v[e]
+        r += mu[e] * d
+    return r
+
+
+@wp.kernel(enable_backward=False)
+def _residual(
+    chunk_offsets: wp.array[wp.int32],
+    # Graph:
+    offsets: wp.array[wp.int32],
+    neighbours: wp.array[wp.int32],
+    incident: wp.array[wp.int32],
+    mu: wp.array[wp.float64],
+    # In:
+    pinned: wp.array[wp.int32],
+    attachment: wp.array[wp.float64],
+    target: wp.array[wp.vec3d],
+    x: wp.array[wp.vec3d],
+    v: wp.array[wp.vec3d],
+    # Out:
+    r_out: wp.array[wp.vec3d],
+    square_out: wp.array[wp.vec3d],
+):
+    k, lane = wp.tid()
+    square = wp.vec3d()
+    for i in range(chunk_offsets[k] + lane, chunk_offsets[k + 1], wp.block_dim()):
+        r = wp.vec3d()
+        if pinned[i] == 0:
+            r = residual_at(offsets, neighbours, incident, mu, x, v, i)
+            if attachment.shape[0] > 0:
+                r += attachment[i] * (target[i] - x[i])
+        r_out[i] = r
+        square += wp.cw_mul(r, r)
+    wp.tile_store(square_out, wp.tile_sum(wp.tile(square, preserve_type=True)), offset=k)
+
+
+@wp.kernel(enable_backward=False)
+def _scales(
+    chunk_offsets: wp.array[wp.int32],
+    # Graph:
+    offsets: wp.array[wp.int32],
+    neighbours: wp.array[wp.int32],
+    incident: wp.array[wp.int32],
+    mu: wp.array[wp.float64],
+    # In:
+    x: wp.array[wp.vec3d],
+    v: wp.array[wp.vec3d],
+    # Out:
+    reference_out: wp.array[wp.vec3d],
+    rounding_out: wp.array[wp.vec3d],
+):
+    k, lane = wp.tid()
+    reference = wp.vec3d()
+    rounding = wp.vec3d()
+    for i in range(chunk_offsets[k] + lane, chunk_offsets[k + 1], wp.block_dim()):
+        size = wp.vec3d()
+        for h in range(offsets[i], offsets[i + 1]):
+            e = wp.max(incident[h], ~incident[h])
+            reach = wp.abs(x[i]) + wp.abs(x[neighbours[h]])
+            if v.shape[0] > 0:
+                reach += wp.abs(v[e])
+            size += mu[e] * reach
+        rounding += wp.cw_mul(size, size)
+        if v.shape[0] > 0:
+            b = codifferential_at(offsets, incident, mu, v, i)
+            reference += wp.cw_mul(b, b)
+    wp.tile_store(reference_out, wp.tile_sum(wp.tile(reference, preserve_type=True)), offset=k)
+    wp.tile_store(rounding_out, wp.tile_sum(wp.tile(rounding, preserve_type=True)), offset=k)
+
+
+@dataclass(frozen=True, eq=False)
+class System:
+    """min over x of sum mu_ij |x_j - x_i - v_ij|^2 + sum w_i |x_i - t_i|^2, with x given at pinned nodes.
+
+    Everything is per node, on the graph's device.
+    """
+
+    graph: Graph
+    pinned: wp.array[wp.int32]
+    """1 where x is given, (n,)."""
+    attachment: wp.array[wp.float64]
+    """w_i >= 0, (n,), or empty for none."""
+
+    @classmethod
+    def of(cls, graph: Graph, pinned: NDArray[np.bool_], attachment: NDArray[np.float64] | None = None) -> System:
+        """pinned: (n,) mask of nodes; attachment: (n,) w_i >= 0 or None."""
+        weights = np.zeros(0) if attachment is None else attachment
+        return cls(
+            graph,
+            wp.array(pinned.astype(np.int32), dtype=wp.int32, device=graph.device),
+            wp.array(weights, dtype=wp.float64, device=graph.device),
+        )
+
+    @cached_property
+    def floating(self) -> NDArray[np.bool_]:
+        """Components with edges that nothing pins or attaches: their minimiser is unique up to a constant."""
+        graph = self.graph
+        held = self.pinned.numpy() != 0
+        if self.attachment.shape[0]:
+            held = held | (self.attachment.numpy() > 0.0)
+        hits = np.bincount(graph.node_component[held], minlength=graph.component_count)
+        free: NDArray[np.bool_] = hits[: graph.solved_components] == 0
+        return free
+
+    def residual(
+        self,
+        x: wp.array[wp.vec3d],
+        v: wp.array[wp.vec3d],
+        target: wp.array[wp.vec3d],
+        r_out: wp.array[wp.vec3d],
+    ) -> NDArray[np.float64]:
+        """R = codiff(v - dx) + w (t - x) at the free nodes, zero at pinned ones -> |r| per component and column."""
+        graph = self.graph
+        partial = graph.segments.partials()
+        inputs = [*self._rows(), self.pinned, self.attachment, target, x, v]
+        launch_chunks(_residual, graph.segments, inputs, [r_out, partial])
+        return self._norms(partial)
+
+    def scales(self, x: wp.array[wp.vec3d], v: wp.array[wp.vec3d]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """|codiff v|, and the size of the rounding errors in a float64 residual, per component and column."""
+        segments = self.graph.segments
+        reference, rounding = segments.partials(), segments.partials()
+        launch_chunks(_scales, segments, [*self._rows(), x, v], [reference, rounding])
+        return self._norms(reference), np.finfo(np.float64).eps * self._norms(rounding)
+
+    def _rows(self) -> list[Any]:
+        graph = self.graph
+        return [graph.offsets, graph.neighbours, graph.incident, graph.mu]
+
+    def _norms(self, partial: wp.array[wp.vec3d]) -> NDArray[np.float64]:
+        segments = self.graph.segments
+        norms: NDArray[np.float64] = np.sqrt(sum_chunks(segments, partial, segments.zeros()).numpy())
+        return norms

@@ -1,0 +1,9 @@
+"""The list of packages, which `pyproject.toml` cannot say: what is found, and the filters without their link.
+
+The link oneform_warp/filters is lost in a source distribution and in checkouts without symbolic links.
+"""
+
+from setuptools import find_packages, setup
+
+found = find_packages(include=["oneform_warp", "oneform_warp.*"])
+setup(packages=sorted({*found, "oneform_warp.filters"}))
