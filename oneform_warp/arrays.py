@@ -28,8 +28,10 @@ class Rows:
     flat: bool
     """The caller gave shape (count,) for D = 1."""
     dtype: np.dtype[Any]
-    device: Any
+    device: Any = None
     """The Warp device of the caller's array, None for NumPy."""
+    element: Any = None
+    """The Warp type of the caller's rows, as wp.vec3."""
 
     def like(self, values: NDArray[np.float64]) -> Any:
         """(count, 3) float64 -> the caller's number of columns, dtype, and kind of array."""
@@ -37,9 +39,7 @@ class Rows:
         result = np.ascontiguousarray(columns, dtype=self.dtype)
         if self.device is None:
             return result
-        scalar = wp.float64 if self.dtype == np.float64 else wp.float32
-        dtype = scalar if self.flat else wp.types.vector(self.dimension, scalar)
-        return wp.array(result, dtype=dtype, device=self.device)
+        return wp.array(result, dtype=self.element, device=self.device)
 
 
 def read_rows(values: Any, count: int | None, name: str) -> Rows:
@@ -72,7 +72,9 @@ def read_rows(values: Any, count: int | None, name: str) -> Rows:
             fix="remove or repair NaN and infinity",
         )
     dtype = array.dtype if array.dtype in (np.float32, np.float64) else np.dtype(np.float64)
-    return Rows(data, rows.shape[1], flat, dtype, device)
+    if device is None:
+        return Rows(data, rows.shape[1], flat, dtype)
+    return Rows(data, rows.shape[1], flat, dtype, device, values.dtype if dtype == array.dtype else wp.float64)
 
 
 def to_device(data: NDArray[np.float64], device: Any) -> wp.array[wp.vec3d]:

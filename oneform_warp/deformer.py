@@ -21,7 +21,7 @@ from oneform_warp.handles import Handle, held_nodes
 from oneform_warp.solvers import CG, Progress, Solution, Solver
 from oneform_warp.solvers.least_squares import keep_centroids
 from oneform_warp.solvers.rows import power_of_two
-from oneform_warp.starts import Problem, Start, start_from
+from oneform_warp.starts import Problem, Start, read_start
 from oneform_warp.weights import Weights
 
 __all__ = ["Deformation", "Deformer", "deform"]
@@ -156,11 +156,12 @@ class Deformer:
         clock = _Clock(self.graph.device)
         handles = list(handles)
         held = held_nodes(self.graph, handles)
+        make_start = read_start(start, self.graph, self.rows.dimension, self._inside)
         nodes = self._fields(handles, fields, Smoothing(sweeps, length))
         clock.stop("fields")
         v = node_transform(self.graph, node_differential(self.graph, self._rest), nodes.omega, nodes.sigma)
         clock.stop("1-form")
-        begin = self._start(start, v, held)
+        begin = self._pinned(make_start(Problem(self.graph, self._rest, v, self._previous)), held)
         clock.stop("start")
         state = self.solver.prepare(self.graph, held)
         clock.stop("prepare")
@@ -196,9 +197,8 @@ class Deformer:
                 )
         return NodeFields.of(self.graph, fields, self.rows.dimension)
 
-    def _start(self, start: Start, v: wp.array[wp.vec3d], held: NDArray[np.bool_]) -> wp.array[wp.vec3d]:
-        problem = Problem(self.graph, self._rest, v, self._previous, self.rows.dimension)
-        begin = start_from(start, problem, self._inside)
+    def _pinned(self, begin: wp.array[wp.vec3d], held: NDArray[np.bool_]) -> wp.array[wp.vec3d]:
+        """The start with what must not move at rest: held nodes, and those without an edge."""
         if begin is self._rest:
             return begin
         values, rest = begin.numpy().copy(), self._rest.numpy()

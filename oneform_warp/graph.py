@@ -270,7 +270,7 @@ class Graph:
     def _listed_sums(self, mu: NDArray[np.float64]) -> NDArray[np.float64]:
         kept = self.listed_edge != self.LOOP
         edge = np.where(self.listed_edge >= 0, self.listed_edge, ~self.listed_edge)
-        sums: NDArray[np.float64] = np.bincount(edge[kept], mu[kept], self.edge_count)
+        sums: Any = np.bincount(edge[kept], mu[kept], self.edge_count)
         return sums
 
     def _weighted(self, mu: NDArray[np.float64]) -> Graph:

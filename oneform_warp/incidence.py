@@ -63,6 +63,8 @@ def locality_order(pairs: NDArray[np.int64], node_count: int) -> tuple[NDArray[n
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components, reverse_cuthill_mckee
 
+    if node_count == 0:
+        return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), 0
     ones = np.ones(2 * len(pairs), dtype=np.int8)
     i, j = np.concatenate([pairs, pairs[:, ::-1]]).T
     adjacency = coo_array((ones, (i, j)), shape=(node_count, node_count)).tocsr()

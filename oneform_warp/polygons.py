@@ -75,7 +75,7 @@ def _integers(values: Any) -> NDArray[np.int64]:
 
 
 def _from_list(faces: Any) -> Polygons:
-    if not isinstance(faces, Sequence) and not isinstance(faces, np.ndarray):
+    if isinstance(faces, str | bytes) or not isinstance(faces, Sequence | np.ndarray):
         raise InputError(
             f"faces cannot be a {type(faces).__name__}",
             where="faces",

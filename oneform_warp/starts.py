@@ -16,7 +16,7 @@ from oneform_warp.forms import node_differential
 from oneform_warp.graph import Graph
 from oneform_warp.tree import SpanningTree, integrate_nodes, spanning_tree
 
-__all__ = ["STARTS", "Problem", "Start", "start_from"]
+__all__ = ["STARTS", "Problem", "Start", "read_start"]
 
 Start = Any
 """One of STARTS, or positions (V, D)."""
@@ -30,7 +30,6 @@ class Problem:
     rest: wp.array[wp.vec3d]
     v: wp.array[wp.vec3d]
     previous: wp.array[wp.vec3d] | None
-    dimension: int
 
 
 def _rest(problem: Problem) -> wp.array[wp.vec3d]:
@@ -77,10 +76,13 @@ STARTS: dict[str, Callable[[Problem], wp.array[wp.vec3d]]] = {
 }
 
 
-def start_from(start: Start, problem: Problem, to_rest_units: Callable[[Any], Any]) -> wp.array[wp.vec3d]:
-    """The one place that reads `start`: a name of STARTS, or positions (V, D) in the caller's units -> rows per node.
+def read_start(
+    start: Start, graph: Graph, dimension: int, to_rest_units: Callable[[Any], Any]
+) -> Callable[[Problem], wp.array[wp.vec3d]]:
+    """The one place that reads `start`: a name of STARTS, or positions (V, D) in the caller's units.
 
-    Trees are rooted near each component's centre, where x has its rest position.
+    -> what makes the start, rows per node, once the problem is there. Trees are rooted near each component's centre,
+    where x has its rest position. Raises InputError at once.
     """
     if isinstance(start, str):
         if start not in STARTS:
@@ -90,12 +92,10 @@ def start_from(start: Start, problem: Problem, to_rest_units: Callable[[Any], An
                 where="start",
                 fix=f"did you mean {near[0]!r}? starts: {', '.join(STARTS)}, or positions (V, D)",
             )
-        return STARTS[start](problem)
-    rows = read_rows(start, problem.graph.vertex_count, "start")
-    if rows.dimension != problem.dimension:
+        return STARTS[start]
+    rows = read_rows(start, graph.vertex_count, "start")
+    if rows.dimension != dimension:
         raise InputError(
-            f"rows of {rows.dimension} numbers, x has {problem.dimension}",
-            where="start",
-            fix="give the shape of x",
+            f"rows of {rows.dimension} numbers, x has {dimension}", where="start", fix="give the shape of x"
         )
-    return problem.graph.nodes_from(to_rest_units(rows.data))
+    return lambda problem: graph.nodes_from(to_rest_units(rows.data))

@@ -111,7 +111,8 @@ def inverse_length_weights(x: NDArray[np.float64], edges: Edges) -> NDArray[np.f
     mean = float(lengths.mean()) if len(lengths) else 0.0
     if mean == 0.0:
         return np.ones(len(edges))
-    return mean / np.maximum(lengths, mean / LENGTH_RATIO)
+    with np.errstate(divide="ignore", over="ignore"):
+        return np.minimum(mean / lengths, LENGTH_RATIO)
 
 
 def check_weights(mu: NDArray[np.float64], count: int, where: str = "weights") -> NDArray[np.float64]:

@@ -1,0 +1,64 @@
+"""Meshes for the examples: from files where there are some, else from oneform_warp.shapes.
+
+Files are looked for in the folder $ONEFORM_MESHES, then in shared/meshes beside the repository.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import dijkstra
+
+import oneform_warp as ow
+
+Floats = NDArray[np.float64]
+Pose = tuple[Floats, Any, list[ow.Handle]]
+"""Rest positions (V, 3), faces, handles."""
+
+
+def load(name: str) -> tuple[Floats, Any] | None:
+    """Positions and faces of a mesh file such as "paper/horse.ply", None where there is no such file."""
+    beside = Path(__file__).resolve().parents[2] / "shared" / "meshes"
+    path = Path(os.environ.get("ONEFORM_MESHES", beside)) / name
+    if not path.is_file():
+        return None
+    from oneform_warp.filters.meshfile import read_mesh
+
+    mesh = read_mesh(path)
+    return mesh.positions, mesh.faces
+
+
+def distance(graph: ow.Graph, x: Floats, vertex: int) -> Floats:
+    """The length of the shortest way along edges from a vertex to each, (V,): the way to name a limb by its tip."""
+    i, j = graph.edges.T
+    length = np.linalg.norm(x[j] - x[i], axis=1)
+    table = coo_array((length, (i, j)), shape=(len(x), len(x))).tocsr()
+    return dijkstra(table, directed=False, indices=vertex)
+
+
+def limb(x: Floats, faces: Any, toward: Sequence[float], near: float, far: float) -> tuple[Any, Any]:
+    """Masks of a limb and of the body, by their distance from the limb's tip, the vertex farthest in a direction.
+
+    near, far: in parts of the box's diagonal; between the two the vertices are free.
+    """
+    graph = ow.Graph.from_faces(x, faces)
+    away = distance(graph, x, int(np.argmax(x @ np.asarray(toward)))) / box(x)
+    return away < near, away > far
+
+
+def box(x: Floats) -> float:
+    """The diagonal of the bounding box."""
+    return float(np.linalg.norm(np.ptp(x, axis=0)))
+
+
+def bent_starfish(level: int = 4, angle: float = 90.0) -> Pose:
+    """A starfish with one arm bent: what the figures draw where the paper's meshes are not there."""
+    x, faces = ow.shapes.starfish(level=level)
+    arm, body = limb(x, faces, (1, 0, 0), 0.14, 0.3)
+    return x, faces, [ow.Handle(body, held=True), ow.Handle(arm, axis="z", angle=angle)]

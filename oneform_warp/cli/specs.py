@@ -1,0 +1,126 @@
+"""What the user asks of a handle, as text or as a TOML table: checked here, without loading anything."""
+
+import math
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any
+
+from oneform_warp.errors import InputError
+
+__all__ = ["HandleSpec", "handle_options", "parse_spec", "unknown_name"]
+
+
+@dataclass(frozen=True)
+class HandleSpec:
+    """A selection and the keyword arguments of its `Handle`."""
+
+    select: str
+    options: Mapping[str, Any] = field(default_factory=dict)
+    folder: Path = Path()
+    """What the paths of `file:` selections are relative to."""
+
+    @property
+    def name(self) -> str:
+        """The given name, or the selection."""
+        return str(self.options.get("name", self.select))
+
+
+def unknown_name(kind: str, name: str, known: Iterable[str], where: str) -> InputError:
+    """The error for a name that is not one of `known`, with the nearest one."""
+    names = list(known)
+    near = get_close_matches(name, names, n=1, cutoff=0.0)[0]
+    return InputError(f"there is no {kind} {name!r}", where=where, fix=f"did you mean {near!r}? known: {', '.join(names)}")
+
+
+def parse_spec(text: str, where: str) -> dict[str, Any]:
+    """`axis=z,angle=90` -> keyword arguments of `Handle`; InputError for keys and values that do not fit."""
+    given: dict[str, Any] = {}
+    for part in text.split(","):
+        key, equals, value = (piece.strip() for piece in part.partition("="))
+        if not key:
+            raise InputError(f"the handle {text!r} has an empty part", where=where, fix="write key=value,key=value")
+        if key in given:
+            raise InputError(f"{key} is given twice", where=where, fix="give it once")
+        if not equals and key != "held" and key in (*READERS, *SHORT):
+            raise InputError(f"{key} has no value", where=where, fix=f"write {key}=...")
+        given[key] = value if equals else True
+    return handle_options(given, where)
+
+
+def handle_options(given: Mapping[str, Any], where: str) -> dict[str, Any]:
+    """Keys and values of a handle, texts or TOML's own -> keyword arguments of `Handle`."""
+    options: dict[str, Any] = {}
+    for key, value in given.items():
+        name = SHORT.get(key, key)
+        if name not in READERS:
+            raise unknown_name("key", key, READERS, where)
+        options[name] = READERS[name](value, f"{where}: {key}")
+    if ("axis" in options) != ("angle" in options):
+        raise InputError("axis and angle belong together", where=where, fix="give both, as axis=z,angle=90")
+    return options
+
+
+def _number(value: Any, where: str) -> float:
+    try:
+        number = math.nan if isinstance(value, bool) else float(value)
+    except (TypeError, ValueError):
+        number = math.nan
+    if not math.isfinite(number):
+        raise InputError(f"{value!r} is not a number", where=where, fix="give a finite number")
+    return number
+
+
+def _vector(value: Any, where: str, fix: str) -> tuple[float, ...]:
+    parts = value.replace(":", " ").split() if isinstance(value, str) else value
+    if not isinstance(parts, list) or len(parts) != 3:
+        raise InputError(f"{value!r} is not three numbers", where=where, fix=fix)
+    return tuple(_number(part, where) for part in parts)
+
+
+def _axis(value: Any, where: str) -> str | tuple[float, ...]:
+    if isinstance(value, str) and value.lower().lstrip("+-") in ("x", "y", "z"):
+        return value
+    axis = _vector(value, where, "use x, y, z, or three numbers as 0:0:1")
+    if not any(axis):
+        raise InputError("the axis is zero", where=where, fix="use x, y, z, or three numbers as 0:0:1")
+    return axis
+
+
+def _rotation(value: Any, where: str) -> tuple[float, ...] | None:
+    return None if value == "free" else _vector(value, where, "give radians as 0:0:3.14, or free")
+
+
+def _stretch(value: Any, where: str) -> float | None:
+    if value == "free":
+        return None
+    factor = _number(value, where)
+    if factor <= 0.0:
+        raise InputError(f"the stretch is {factor:g}", where=where, fix="give a factor > 0, or free")
+    return factor
+
+
+def _name(value: Any, where: str) -> str:
+    if not isinstance(value, str) or not value:
+        raise InputError(f"the name is {value!r}", where=where, fix="give a text")
+    return value
+
+
+def _flag(value: Any, where: str) -> bool:
+    words = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}
+    word = str(value).lower()
+    if word not in words:
+        raise InputError(f"{value!r} is neither true nor false", where=where, fix="write held, or held=false")
+    return words[word]
+
+
+READERS: dict[str, Callable[[Any, str], Any]] = {
+    "axis": _axis,
+    "angle": _number,
+    "rotation": _rotation,
+    "stretch": _stretch,
+    "name": _name,
+    "held": _flag,
+}
+SHORT = {"r": "rotation"}

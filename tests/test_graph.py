@@ -1,0 +1,190 @@
+"""Graphs from faces, edges, points, grids and polylines: edges, welds, weights, components, order."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import oneform_warp as ow
+from oneform_warp.incidence import check_limits
+from oneform_warp.polygons import as_polygons, fan_corners, polygon_edges
+from oneform_warp.weights import COTANGENT_RANGE, LENGTH_RATIO
+from oneform_warp.weld import weld
+from references import components, random_graph
+
+SEEDS = st.integers(0, 10**6)
+
+
+def edge_set(pairs: np.ndarray) -> set[tuple[int, int]]:
+    return {(min(i, j), max(i, j)) for i, j in np.asarray(pairs).tolist() if i != j}
+
+
+@settings(max_examples=60)
+@given(seed=SEEDS)
+def test_incidence_lists_every_edge_from_both_ends(seed: int) -> None:
+    problem = random_graph(seed, mu=(0.1, 10.0))
+    graph = problem.graph()
+    assert edge_set(graph.edges) == edge_set(problem.edges)
+    assert len(graph.edges) == graph.edge_count
+    offsets, neighbours, incident = (a.numpy() for a in (graph.offsets, graph.neighbours, graph.incident))
+    tail, head = graph.tail.numpy(), graph.head.numpy()
+    rows = np.repeat(np.arange(graph.node_count), np.diff(offsets))
+    along = incident >= 0
+    edge = np.where(along, incident, ~incident)
+    assert (rows == np.where(along, tail[edge], head[edge])).all()
+    assert (neighbours == np.where(along, head[edge], tail[edge])).all()
+    assert (np.bincount(edge, minlength=graph.edge_count) == 2).all()
+
+
+@settings(max_examples=60)
+@given(seed=SEEDS)
+def test_components_stand_together_those_with_edges_first(seed: int) -> None:
+    problem = random_graph(seed, mu=(0.1, 10.0))
+    graph = problem.graph()
+    expected = {frozenset(group.tolist()) for group in components(problem.vertex_count, problem.edges)}
+    found = {frozenset(np.flatnonzero(graph.components == c).tolist()) for c in range(graph.component_count)}
+    assert found == expected
+    assert (np.diff(graph.node_component) >= 0).all()
+    sizes = np.diff(graph.component_offsets)
+    assert (sizes[: graph.solved_components] > 1).all()
+    assert (sizes[graph.solved_components :] == 1).all()
+
+
+def test_polygons_keep_their_own_edges() -> None:
+    faces = [[0, 1, 2, 3, 4], [1, 5, 2], [6, 7]]
+    graph = ow.Graph.from_faces(np.random.default_rng(0).normal(size=(9, 3)), faces, weights="uniform")
+    assert edge_set(graph.edges) == {(0, 1), (1, 2), (2, 3), (3, 4), (0, 4), (1, 5), (2, 5), (6, 7)}
+    assert graph.component_count == 3
+
+
+@given(sizes=st.lists(st.integers(0, 7), max_size=12))
+def test_fans_and_edges_of_polygons_of_any_size(sizes: list[int]) -> None:
+    numbers = iter(range(sum(sizes)))
+    faces = [[next(numbers) for _ in range(size)] for size in sizes]
+    polygons = as_polygons(faces, max(sum(sizes), 1))
+    expected = [(f[k], f[(k + 1) % len(f)]) for f in faces for k in range(len(f))]
+    assert [tuple(pair) for pair in polygon_edges(polygons).tolist()] == expected
+    fans = [(f[0], f[k + 1], f[k + 2]) for f in faces for k in range(len(f) - 2)]
+    assert [tuple(t) for t in polygons.indices[fan_corners(polygons)].tolist()] == fans
+
+
+def test_the_three_spellings_of_faces_agree() -> None:
+    array = np.array([[0, 1, 2, 3], [3, 2, 4, 5]])
+    for faces in (array, array.tolist(), (array.ravel(), np.array([0, 4, 8]))):
+        polygons = as_polygons(faces, 6)
+        assert polygons.indices.tolist() == array.ravel().tolist()
+        assert polygons.offsets.tolist() == [0, 4, 8]
+
+
+@settings(max_examples=40)
+@given(seed=SEEDS, repeats=st.integers(1, 4))
+def test_exact_weld_groups_equal_positions(seed: int, repeats: int) -> None:
+    rng = np.random.default_rng(seed)
+    points = rng.integers(0, 3, size=(20, 3)).astype(float)
+    points[rng.random(20) < 0.2] *= -0.0  # -0.0 is the same place as 0.0
+    groups = weld(np.tile(points, (repeats, 1)))
+    same = (np.tile(points, (repeats, 1))[:, None] == np.tile(points, (repeats, 1))[None]).all(axis=2)
+    assert ((groups[:, None] == groups[None]) == same).all()
+    assert groups[0] == 0
+    assert set(groups) == set(range(groups.max() + 1))
+
+
+def test_weld_by_tolerance_and_off() -> None:
+    x = np.array([[0.0, 0, 0], [0.9e-3, 0, 0], [1.8e-3, 0, 0], [5e-3, 0, 0], [0, 0, 0]])
+    assert weld(x, 1e-3).tolist() == [0, 0, 0, 1, 0]
+    assert weld(x, 0.0).tolist() == [0, 1, 2, 3, 0]
+    assert weld(x, None).tolist() == [0, 1, 2, 3, 4]
+
+
+def soup(x: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Each triangle with corners of its own, as STL files have them."""
+    return x[faces].reshape(-1, 3), np.arange(faces.size).reshape(-1, 3)
+
+
+def test_a_soup_welds_to_the_mesh_that_it_came_from() -> None:
+    x, faces = ow.shapes.bar()
+    y, loose = soup(x, faces)
+    graph = ow.Graph.from_faces(y, loose)
+    assert graph.node_count == len(x)
+    assert graph.component_count == 1
+    assert graph.vertices_from(graph.nodes_from(y)) == pytest.approx(y, abs=0.0)
+    assert sorted(graph.mu.numpy()) == pytest.approx(sorted(ow.Graph.from_faces(x, faces).mu.numpy()))
+
+
+def test_cotangent_weights_of_equilateral_and_right_triangles() -> None:
+    height = np.sqrt(3.0) / 2.0
+    x = np.array([[0.0, 0, 0], [1, 0, 0], [0.5, height, 0], [0.5, -height, 0]])
+    graph = ow.Graph.from_faces(x, [[0, 1, 2], [1, 0, 3]])
+    for (i, j), mu in zip(graph.edges.tolist(), graph.mu.numpy(), strict=True):
+        assert mu == pytest.approx((2 if {i, j} == {0, 1} else 1) * 0.5 / np.tan(np.pi / 3))
+    rectangle = np.array([[0.0, 0, 0], [2, 0, 0], [2, 1, 0], [0, 1, 0]])
+    quad = ow.Graph.from_faces(rectangle, [[0, 1, 2, 3]])
+    for (i, j), mu in zip(quad.edges.tolist(), quad.mu.numpy(), strict=True):
+        long = abs(rectangle[i, 0] - rectangle[j, 0]) == 2.0
+        assert mu == pytest.approx(0.5 * (0.5 if long else 2.0))
+
+
+@settings(max_examples=60)
+@given(seed=SEEDS, flat=st.sampled_from([0.0, 1e-12, 1.0]))
+def test_weights_are_positive_and_clamped_on_any_triangles(seed: int, flat: float) -> None:
+    rng = np.random.default_rng(seed)
+    x = rng.normal(size=(12, 3)) * [1.0, flat, flat]
+    x[:3] = x[0]  # zero-length edges
+    faces = rng.integers(0, 12, size=(20, 3))
+    for weld_tolerance in (0.0, None):
+        cotangent = ow.Graph.from_faces(x, faces, weld=weld_tolerance).mu.numpy()
+        assert ((cotangent >= COTANGENT_RANGE[0]) & (cotangent <= COTANGENT_RANGE[1])).all()
+        inverse = ow.Graph.from_faces(x, faces, weights="inverse_length", weld=weld_tolerance).mu.numpy()
+        assert ((inverse > 0.0) & (inverse <= LENGTH_RATIO)).all()
+
+
+def test_extra_edges_join_components_and_add_their_weight() -> None:
+    x = np.concatenate([np.eye(3), np.eye(3) + 5.0])
+    faces = [[0, 1, 2], [3, 4, 5]]
+    plain = ow.Graph.from_faces(x, faces, weights="uniform")
+    joined = ow.Graph.from_faces(x, faces, weights="uniform", extra_edges=[[0, 3], [0, 1]], extra_weight=0.25)
+    assert plain.component_count == 2
+    assert joined.component_count == 1
+    mu = {(min(e), max(e)): w for e, w in zip(joined.edges.tolist(), joined.mu.numpy(), strict=True)}
+    assert mu[0, 3] == 0.25
+    assert mu[0, 1] == 1.25
+    assert mu[0, 2] == 1.0
+
+
+def test_graphs_without_faces() -> None:
+    grid = ow.Graph.from_grid((3, 4))
+    assert edge_set(grid.edges) == {(4 * r + c, 4 * r + c + 1) for r in range(3) for c in range(3)} | {
+        (4 * r + c, 4 * r + 4 + c) for r in range(2) for c in range(4)
+    }
+    assert edge_set(ow.Graph.from_polyline(4, closed=True).edges) == {(0, 1), (1, 2), (2, 3), (0, 3)}
+    assert ow.Graph.from_grid((2, 2, 2)).edge_count == 12
+    points = np.random.default_rng(1).normal(size=(50, 3))
+    points[10:14] = points[9]  # coincident points have one another as nearest
+    graph = ow.Graph.from_points(points, neighbours=5)
+    distance = np.linalg.norm(points[:, None] - points[None], axis=2)
+    np.fill_diagonal(distance, np.inf)
+    degree = np.bincount(graph.edges.ravel(), minlength=50)
+    assert (degree >= 5).all()
+    reach = np.sort(distance, axis=1)[:, 4]
+    i, j = graph.edges.T
+    assert (distance[i, j] <= np.maximum(reach[i], reach[j])).all()
+
+
+def test_a_random_numbering_is_put_in_order() -> None:
+    x, faces = ow.shapes.grid(60, 60)
+    rng = np.random.default_rng(0)
+    shuffled = rng.permutation(len(x))
+    graph = ow.Graph.from_faces(x[np.argsort(shuffled)], shuffled[faces], weights="uniform")
+    spread = np.abs(graph.tail.numpy() - graph.head.numpy())
+    # A front of 61 vertices crosses the grid; a random order has a mean distance of V / 3, about 1,200.
+    assert spread.mean() < 100
+
+
+def test_int32_limits_are_checked_before_anything_is_allocated() -> None:
+    check_limits(1000, 2**30 - 1)
+    with pytest.raises(ow.InputError, match="more than int32 can number"):
+        check_limits(1000, 2**30)
+    with pytest.raises(ow.InputError, match="more than int32 can number"):
+        check_limits(2**31, 10)
