@@ -42,13 +42,15 @@ def distance(graph: ow.Graph, x: Floats, vertex: int) -> Floats:
     return dijkstra(table, directed=False, indices=vertex)
 
 
-def limb(x: Floats, faces: Any, toward: Sequence[float], near: float, far: float) -> tuple[Any, Any]:
-    """Masks of a limb and of the body, by their distance from the limb's tip, the vertex farthest in a direction.
+def limb(x: Floats, faces: Any, tip: Sequence[float], near: float, far: float) -> tuple[Any, Any]:
+    """Masks of a limb and of the body, by the distance along the surface from the limb's tip.
 
-    near, far: in parts of the box's diagonal; between the two the vertices are free.
+    tip: in parts of the bounding box, the vertex closest to it is taken. near, far: where the limb ends and the body
+    begins, in parts of the box's diagonal; the vertices between the two are free.
     """
-    graph = ow.Graph.from_faces(x, faces)
-    away = distance(graph, x, int(np.argmax(x @ np.asarray(toward)))) / box(x)
+    point = x.min(axis=0) + np.asarray(tip) * np.ptp(x, axis=0)
+    vertex = int(np.argmin(np.linalg.norm(x - point, axis=1)))
+    away = distance(ow.Graph.from_faces(x, faces), x, vertex) / box(x)
     return away < near, away > far
 
 
@@ -60,5 +62,15 @@ def box(x: Floats) -> float:
 def bent_starfish(level: int = 4, angle: float = 90.0) -> Pose:
     """A starfish with one arm bent: what the figures draw where the paper's meshes are not there."""
     x, faces = ow.shapes.starfish(level=level)
-    arm, body = limb(x, faces, (1, 0, 0), 0.14, 0.3)
+    arm, body = limb(x, faces, (1, 0.5, 0.5), 0.14, 0.3)
     return x, faces, [ow.Handle(body, held=True), ow.Handle(arm, axis="z", angle=angle)]
+
+
+def edge_change(x: Floats, y: Floats, faces: Any, handles: Sequence[ow.Handle]) -> float:
+    """By how many percent the edges inside the turned handles change their lengths, the median."""
+    graph = ow.Graph.from_faces(x, faces)
+    changes = []
+    for handle in handles[1:]:
+        i, j = graph.edges[handle.vertices[graph.edges].all(axis=1)].T
+        changes.append(np.linalg.norm(y[j] - y[i], axis=1) / np.linalg.norm(x[j] - x[i], axis=1) - 1.0)
+    return 100.0 * float(np.median(np.abs(np.concatenate(changes))))

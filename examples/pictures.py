@@ -24,6 +24,7 @@ def figure_folder() -> Path:
 
 def save_row(path: Path, items: Sequence[Any], *, height: int = 480, gap: int = 24) -> None:
     """Draw items as `save_scene` does, at one scale and in one row, and cut each panel to what is in it."""
+    from matplotlib.font_manager import findfont
     from PIL import Image, ImageDraw, ImageFont
 
     count, captions = len(items), [item[0] for item in items]
@@ -36,10 +37,11 @@ def save_row(path: Path, items: Sequence[Any], *, height: int = 480, gap: int = 
     row = row[_span((row < 250).any(axis=(1, 2)), 6)]
     sheet = Image.new("RGB", (row.shape[1], row.shape[0] + CAPTION), "white")
     sheet.paste(Image.fromarray(row), (0, CAPTION))
+    font = ImageFont.truetype(findfont("DejaVu Sans"), 18)
     ends = np.cumsum([part.shape[1] for part in parts])
     for caption, part, end in zip(captions, parts, ends, strict=True):
         middle = (end - part.shape[1] / 2, CAPTION / 2)
-        ImageDraw.Draw(sheet).text(middle, caption, "#404040", ImageFont.load_default(19), anchor="mm")
+        ImageDraw.Draw(sheet).text(middle, caption, "#404040", font, anchor="mm")
     sheet.quantize(256).save(path, optimize=True)
 
 

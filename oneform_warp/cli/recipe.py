@@ -10,6 +10,8 @@
     select = "z > 0.9"
     axis = "z"
     angle = 180
+
+Paths in a recipe are relative to its folder.
 """
 
 from collections.abc import Mapping

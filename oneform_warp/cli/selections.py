@@ -52,8 +52,8 @@ def _box(text: str, spec: HandleSpec, mesh: MeshFile) -> Mask:
             where=repr(spec.select),
             fix="write box:xmin,ymin,zmin,xmax,ymax,zmax",
         )
-    inside: Mask = ((mesh.positions >= numbers[:3]) & (mesh.positions <= numbers[3:])).all(axis=1)
-    return inside
+    inside = (mesh.positions >= numbers[:3]) & (mesh.positions <= numbers[3:])
+    return np.asarray(inside.all(axis=1))
 
 
 def _file(text: str, spec: HandleSpec, mesh: MeshFile) -> Mask:
@@ -73,7 +73,9 @@ def _file(text: str, spec: HandleSpec, mesh: MeshFile) -> Mask:
 
 def _group(text: str, spec: HandleSpec, mesh: MeshFile) -> Mask:
     if not mesh.groups:
-        raise InputError("the file has no groups", where=repr(spec.select), fix="use a condition, or an OBJ with groups")
+        raise InputError(
+            "the file has no groups", where=repr(spec.select), fix="use a condition, or an OBJ with groups"
+        )
     if text not in mesh.groups:
         raise unknown_name("group", text, mesh.groups, str(mesh.path))
     return vertex_mask(mesh.groups[text], len(mesh.positions), text)

@@ -8,7 +8,7 @@ from typing import Any
 from oneform_warp.cli.specs import unknown_name
 from oneform_warp.errors import InputError
 
-__all__ = ["CHOICES", "Settings", "checked_setting", "weld_length"]
+__all__ = ["CHOICES", "Settings", "checked_setting", "settings_from", "weld_length"]
 
 # The words of the core, repeated so that the help need not load Warp; a test compares them.
 CHOICES = {
@@ -44,7 +44,7 @@ class Settings:
 
 
 def weld_length(weld: str | float, where: str = "weld") -> float | None:
-    """"exact", "off" or a length -> what `Graph.from_faces` calls weld."""
+    """What `Graph.from_faces` calls weld, from "exact", "off" or a length."""
     if weld in ("exact", "off"):
         return 0.0 if weld == "exact" else None
     try:
@@ -70,7 +70,13 @@ def checked_setting(key: str, value: Any, where: str) -> Any:
         whole = key in ("max_iterations", "sweeps")
         number = isinstance(value, int if whole else int | float) and not isinstance(value, bool)
         if not number or not math.isfinite(value) or value < 0 or (key == "length" and value == 0):
-            fix = "give a whole number >= 0" if whole else "give a length > 0" if key == "length" else "give a number >= 0"
+            fix = (
+                "give a whole number >= 0"
+                if whole
+                else "give a length > 0"
+                if key == "length"
+                else "give a number >= 0"
+            )
             raise InputError(f"{value!r} does not fit", where=where, fix=fix)
     return value
 

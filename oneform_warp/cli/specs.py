@@ -31,7 +31,9 @@ def unknown_name(kind: str, name: str, known: Iterable[str], where: str) -> Inpu
     """The error for a name that is not one of `known`, with the nearest one."""
     names = list(known)
     near = get_close_matches(name, names, n=1, cutoff=0.0)[0]
-    return InputError(f"there is no {kind} {name!r}", where=where, fix=f"did you mean {near!r}? known: {', '.join(names)}")
+    return InputError(
+        f"there is no {kind} {name!r}", where=where, fix=f"did you mean {near!r}? known: {', '.join(names)}"
+    )
 
 
 def parse_spec(text: str, where: str) -> dict[str, Any]:

@@ -5,7 +5,7 @@ import os
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
 
@@ -106,3 +106,8 @@ class Stopwatch:
         """The time since the last stop was for this stage."""
         now = time.perf_counter()
         self.seconds[stage], self.last = now - self.last, now
+
+    def add(self, seconds: Mapping[str, float]) -> None:
+        """Stages that something else has timed since the last stop."""
+        self.seconds |= seconds
+        self.last = time.perf_counter()

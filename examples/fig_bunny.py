@@ -1,0 +1,48 @@
+"""The bunny's ears bent, one down and one up."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+import oneform_warp as ow
+from meshes import Pose, bent_starfish, edge_change, limb, load
+from pictures import figure_folder, save_row
+
+
+def pose() -> Pose:
+    mesh = load("paper/oded_bunny.obj")
+    if mesh is None:
+        return bent_starfish(angle=60.0)
+    x, faces = mesh
+    near_ear, below_near_ear = limb(x, faces, (0.5, 1.0, 0.33), 0.12, 0.25)
+    far_ear, below_far_ear = limb(x, faces, (0.17, 0.96, 0.02), 0.12, 0.25)
+    return (
+        x,
+        faces,
+        [
+            ow.Handle(below_near_ear & below_far_ear, held=True),
+            ow.Handle(near_ear, axis="z", angle=-70),
+            ow.Handle(far_ear, axis="x", angle=60),
+        ],
+    )
+
+
+def numbers(pose: Pose) -> dict[str, float]:
+    """How much the stiff ends change their shape: a rotation keeps lengths, so the edges inside should too."""
+    x, faces, handles = pose
+    y = ow.Deformer(x, faces).solve(handles).x
+    return {"median edge change in the turned ends / %": edge_change(x, y, faces, handles)}
+
+
+def main(folder: Path) -> None:
+    x, faces, handles = pose()
+    result = ow.Deformer(x, faces).solve(handles)
+    angle = np.linalg.norm(result.omega, axis=1)
+    save_row(folder / "fig_bunny.png", [("|ω|", x, faces, angle), ("solution", result.x, faces)], height=560)
+
+
+if __name__ == "__main__":
+    print(numbers(pose()))
+    main(figure_folder())

@@ -1,0 +1,27 @@
+"""`oneform-warp info`: what there is in a mesh file."""
+
+from pathlib import Path
+from typing import Literal
+
+import click
+
+from oneform_warp.cli.options import FILE, Weld
+from oneform_warp.cli.settings import CHOICES, weld_length
+
+__all__ = ["command"]
+
+
+@click.command("info")
+@click.argument("source", metavar="IN", type=FILE)
+@click.option("--weld", type=Weld(), default="exact", help="Count as deform --weld sees it.  [exact]")
+@click.option("--backend", type=click.Choice(CHOICES["backend"]), default="auto", help="Reader.  [auto]")
+def command(source: Path, weld: str, backend: Literal["auto", "pymeshlab", "trimesh"]) -> None:
+    """Count what is in the mesh IN: faces, components, boundaries, duplicates, groups.
+
+    Edges and components are those of the welded mesh, which deform works on.
+    """
+    from oneform_warp.cli.mesh_facts import facts
+    from oneform_warp.filters import read_mesh
+
+    for label, value in facts(read_mesh(source, backend=backend), weld_length(weld)):
+        click.echo(f"{label:<20} {value}")

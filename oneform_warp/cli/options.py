@@ -1,0 +1,48 @@
+"""The options that commands share."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import click
+
+from oneform_warp.cli.settings import CHOICES, weld_length
+from oneform_warp.errors import InputError
+
+__all__ = ["FILE", "Weld", "settings_options"]
+
+FILE = click.Path(path_type=Path)
+
+
+class Weld(click.ParamType[Any]):
+    """exact, off, or a length."""
+
+    name = "exact|off|LENGTH"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """The value itself, once it is known to be one."""
+        try:
+            weld_length(value)
+        except InputError as error:
+            self.fail(f"{error.what}; {error.fix}", param, ctx)
+        return value
+
+
+def settings_options(function: Callable[..., Any]) -> Callable[..., Any]:
+    """The options that a recipe may give as well, one for each field of Settings."""
+    options = [
+        click.option("--weights", type=click.Choice(CHOICES["weights"]), help="Edge weights.  [cotangent]"),
+        click.option("--weld", type=Weld(), help="Join vertices at equal positions, or within a length.  [exact]"),
+        click.option("--solver", type=click.Choice(CHOICES["solver"]), help="Solver.  [cg]"),
+        click.option("--tol", type=click.FloatRange(min=0.0, max=1.0), help="Relative residual to reach.  [1e-6]"),
+        click.option("--max-iterations", type=click.IntRange(min=0), help="Over all restarts.  [20000]"),
+        click.option("--dtype", type=click.Choice(CHOICES["dtype"]), help="Of the inner iterations.  [float32]"),
+        click.option("--start", type=click.Choice(CHOICES["start"]), help="Where the solver starts.  [rest]"),
+        click.option("--sweeps", type=click.IntRange(min=0), help="Spread handles by so many Jacobi sweeps."),
+        click.option("--length", type=click.FloatRange(min=0.0, min_open=True), help="Spread handles over a length."),
+        click.option("--device", help="Warp device, as cpu or cuda:0.  [Warp's own choice]"),
+        click.option("--backend", type=click.Choice(CHOICES["backend"]), help="Reader of mesh files.  [auto]"),
+    ]
+    for option in reversed(options):
+        function = option(function)
+    return function

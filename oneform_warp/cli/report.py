@@ -1,0 +1,90 @@
+"""What a deformation came to, in words and as JSON."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from oneform_warp import __version__
+from oneform_warp.cli.plan import Plan, handle_text
+from oneform_warp.deformer import Deformation
+from oneform_warp.solvers.refinement import worst
+
+__all__ = ["mesh_line", "report_json", "report_lines"]
+
+
+def mesh_line(plan: Plan) -> str:
+    """The mesh in one line."""
+    graph = plan.deformer.graph
+    welded = graph.vertex_count - graph.node_count
+    parts = [
+        f"{plan.mesh.path.name}: {graph.vertex_count:,} vertices",
+        *([f"{welded:,} of them welded"] if welded else []),
+        f"{graph.edge_count:,} edges",
+        f"{graph.component_count:,} component{'s' if graph.component_count > 1 else ''}",
+        f"on {graph.device}",
+    ]
+    return ", ".join(parts)
+
+
+def report_lines(plan: Plan, solution: Deformation, seconds: Mapping[str, float]) -> list[str]:
+    """The report for people; warnings are apart."""
+    ratio = worst(solution.residual, solution.goal)
+    times = ", ".join(f"{stage} {value:.3f}" for stage, value in seconds.items())
+    return [
+        mesh_line(plan),
+        f"{solution.status.word} after {solution.iterations:,} iterations and {solution.restarts} restarts, "
+        f"residual {ratio:.3g} times its goal",
+        f"energy {solution.energy:.6g}",
+        f"seconds: {times}; {sum(seconds.values()):.3f} in all",
+    ]
+
+
+def report_json(plan: Plan, solution: Deformation, seconds: Mapping[str, float], out: Path) -> dict[str, Any]:
+    """The report for programs; numbers that are not finite become null."""
+    graph = plan.deformer.graph
+    return {
+        "version": __version__,
+        "input": str(plan.mesh.path),
+        "output": str(out.absolute()),
+        "backend": plan.mesh.backend,
+        "device": str(graph.device),
+        "vertices": graph.vertex_count,
+        "nodes": graph.node_count,
+        "edges": graph.edge_count,
+        "components": graph.component_count,
+        "settings": asdict(plan.settings),
+        "handles": [_handle(plan, number) for number in range(len(plan.handles))],
+        "status": solution.status.word,
+        "message": str(solution.status),
+        "converged": solution.converged,
+        "energy": _finite(solution.energy),
+        "residual_over_goal": _finite(worst(solution.residual, solution.goal)),
+        "residual": _finite(float(solution.residual.max(initial=0.0))),
+        "iterations": solution.iterations,
+        "restarts": solution.restarts,
+        "seconds": dict(seconds),
+        "warnings": list(solution.warnings),
+    }
+
+
+def _handle(plan: Plan, number: int) -> dict[str, Any]:
+    spec, handle = plan.specs[number], plan.handles[number]
+    points = plan.mesh.positions[handle.vertices]
+    return {
+        "name": spec.name,
+        "select": spec.select,
+        "vertices": int(np.count_nonzero(handle.vertices)),
+        "box": [points.min(axis=0).tolist(), points.max(axis=0).tolist()],
+        "held": handle.held,
+        "rotation": None if handle.rotation is None else handle.rotation.tolist(),
+        "stretch": handle.stretch,
+        "text": handle_text(handle),
+    }
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None

@@ -1,0 +1,86 @@
+"""Imports run one way: each module may use only those that stand before it on the way from files to positions."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+import oneform_warp
+
+ROOT = Path(oneform_warp.__file__).parent
+
+# The picture of ARCHITECTURE.md as layers: a module imports from layers above its own only (solvers and cli are folders).
+LAYERS = [
+    ["errors"],
+    ["arrays", "polygons", "weld", "incidence", "rotations", "segments", "conditions"],
+    ["weights", "shapes"],
+    ["graph"],
+    ["forms", "tree"],
+    ["exactness", "solvers", "starts"],
+    ["handles"],
+    ["fields"],
+    ["deformer"],
+    ["preview_polyscope"],
+    ["preview", "filters"],
+    ["cli"],
+]
+LAYER = {name: number for number, names in enumerate(LAYERS) for name in names}
+# Side by side in one layer, and still one way.
+WITHIN = {("weights", "polygons"), ("starts", "tree"), ("exactness", "tree"), ("preview_polyscope", "preview")}
+
+
+def imported(path: Path) -> set[str]:
+    names = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom) and node.module and node.module.startswith("oneform_warp."):
+            names.add(node.module.split(".")[1])
+        elif isinstance(node, ast.ImportFrom) and node.module == "oneform_warp":
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.Import):
+            names |= {alias.name.split(".")[1] for alias in node.names if alias.name.startswith("oneform_warp.")}
+    return names
+
+
+def modules() -> list[tuple[str, Path]]:
+    files = [path for path in ROOT.rglob("*.py") if path != ROOT / "__init__.py"]
+    # A linked folder is not walked into.
+    linked = [("filters", path) for path in (ROOT / "filters").glob("*.py")]
+    return [(path.relative_to(ROOT).parts[0].removesuffix(".py"), path) for path in files] + linked
+
+
+def test_every_module_has_a_place() -> None:
+    assert {name for name, _ in modules()} == set(LAYER)
+
+
+def test_imports_run_one_way() -> None:
+    wrong = [
+        f"{path.relative_to(ROOT)} imports {other}"
+        for name, path in modules()
+        for other in imported(path)
+        if other in LAYER and other != name and LAYER[other] >= LAYER[name] and (name, other) not in WITHIN
+    ]
+    assert wrong == []
+
+
+def test_solvers_import_one_way() -> None:
+    order = [
+        "precision", "solution", "validation", "batches", "system", "rows", "refinement", "jacobi", "cg",
+        "least_squares", "__init__",
+    ]  # fmt: skip
+    place = {name: number for number, name in enumerate(order)}
+    for path in (ROOT / "solvers").glob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("oneform_warp.solvers."):
+                other = str(node.module).split(".")[2]
+                assert place[other] < place[path.stem], f"{path.name} imports {other}"
+
+
+def test_the_core_imports_no_file_format_and_no_plotting() -> None:
+    heavy = {"pymeshlab", "trimesh", "matplotlib", "polyscope"}
+    for name, path in modules():
+        if LAYER[name] >= LAYER["preview_polyscope"]:
+            continue
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            found = {a.name.split(".")[0] for a in node.names} if isinstance(node, ast.Import) else set()
+            found |= {(node.module or "").split(".")[0]} if isinstance(node, ast.ImportFrom) else set()
+            assert not found & heavy, f"{path.name} imports {found & heavy}"
