@@ -52,20 +52,21 @@ def numbers() -> dict[str, float]:
 
 
 def main(folder: Path) -> None:
+    from matplotlib.collections import LineCollection
     from matplotlib.figure import Figure
-    from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
     graph, x, v = twisted_bar()
-    figure = Figure(figsize=(9, 6), layout="constrained")
-    for number, (name, tree) in enumerate(trees(graph, x, v).items(), start=1):
-        axes = figure.add_subplot(1, 3, number, projection="3d")
-        axes.set_box_aspect(np.ptp(x, axis=0), zoom=1.7)
-        axes.add_collection3d(Line3DCollection(x[graph.edges], colors="0.88", linewidths=0.5))
-        depth = tree.depth[graph.node_of][graph.edges[tree.edges]].max(axis=1)
-        axes.add_collection3d(Line3DCollection(x[graph.edges[tree.edges]], array=depth, cmap="viridis", linewidths=1.6))
-        axes.scatter(*x[tree.roots].T, color="tab:red", s=40)
-        axes.set(xlim=(-0.125, 0.125), ylim=(-0.125, 0.125), zlim=(0, 1), title=f"{name}: depth {tree.depth.max()}")
-        axes.view_init(12, -55)
+    flat = x @ np.array([[0.8, -0.12], [0.6, 0.16], [0.0, 1.0]])
+    figure = Figure(figsize=(9, 8), layout="constrained")
+    panels = figure.subplots(1, 3)
+    for axes, (name, tree) in zip(panels, trees(graph, x, v).items(), strict=True):
+        axes.add_collection(LineCollection(flat[graph.edges], colors="0.88", linewidths=0.6))
+        ends = graph.edges[tree.edges]
+        depth = tree.depth[graph.node_of][ends].max(axis=1)
+        axes.add_collection(LineCollection(flat[ends], array=depth, cmap="viridis_r", linewidths=2.0))
+        axes.plot(*flat[tree.roots].T, "o", color="tab:red", markersize=8)
+        axes.set(title=f"{name}: depth {tree.depth.max()}", aspect="equal")
+        axes.autoscale()
         axes.set_axis_off()
     figure.savefig(folder / "fig6_tree.png", dpi=100)
 

@@ -47,11 +47,10 @@ def distance(x: Floats, y: Floats) -> float:
 def main(folder: Path) -> None:
     x, faces, handles = pose()
     result = ow.Deformer(x, faces).solve(handles, start="maximal")
-    angle = np.degrees(np.linalg.norm(result.omega, axis=1))
     items = [
-        ("rest pose", x, faces, angle),
-        ("estimate along the maximal tree", result.estimate, faces, angle),
-        ("solution", result.x, faces, angle),
+        ("rest pose, |ω|", x, faces, np.linalg.norm(result.omega, axis=1)),
+        ("estimate along the maximal tree", result.estimate, faces),
+        ("solution", result.x, faces),
     ]
     save_row(folder / "fig7_armadillo.png", items, height=600)
 

@@ -42,7 +42,7 @@ def save_row(path: Path, items: Sequence[Any], *, height: int = 480, gap: int = 
     for caption, part, end in zip(captions, parts, ends, strict=True):
         middle = (end - part.shape[1] / 2, CAPTION / 2)
         ImageDraw.Draw(sheet).text(middle, caption, "#404040", font, anchor="mm")
-    sheet.quantize(256).save(path, optimize=True)
+    sheet.save(path, optimize=True)
 
 
 def _span(used: Any, margin: int) -> slice:

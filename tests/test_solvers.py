@@ -7,10 +7,10 @@ import threading
 import numpy as np
 import pytest
 import warp as wp
+from references import dense_solution, random_graph, residual_norms
 
 import oneform_warp as ow
 from oneform_warp.solvers import Status
-from references import dense_solution, random_graph, residual_norms
 
 GRAPHS = 2000
 BATCHES = 20

@@ -43,8 +43,8 @@ Example, a bar twisted by half a turn:
   oneform-warp deform bar.obj -o twisted.obj --hold "z < 0.1" --handle "z > 0.9" axis=z,angle=180
 
 \b
-A recipe holds the same as TOML; options stand above it, handles add to it:
-  weights = "cotangent"
+A recipe holds the same as TOML; options replace its settings, handles add to its own:
+  max_iterations = 5000
   [[handles]]
   select = "z > 0.9"
   axis = "z"
@@ -97,8 +97,7 @@ def command(
     specs = [*book.handles, *_specs(hold, handle)]
     if not specs:
         raise click.UsageError("There is no handle. Give --hold, --handle or --recipe.")
-    for path, suffix in ((out, None), (preview, ".png"), (report, None)):
-        check_writable(path, suffix)
+    check_writable(out, preview, report)
     watch = Stopwatch()
     plan = _plan(source, specs, settings, out, watch, verbose=verbose)
     if dry_run or verbose:

@@ -33,7 +33,10 @@ FILTERS = 281
 @click.command("doctor")
 @click.pass_context
 def command(ctx: click.Context) -> None:
-    """Say what is installed and whether meshes can be deformed here; exit code 1 if not."""
+    """Say what is installed and what is missing.
+
+    The exit code is 1 if meshes cannot be deformed here.
+    """
     found = _packages()
     problems = [f"{name} is missing: pip install {PACKAGES[name]}" for name in NEEDED if found[name] is None]
     _libraries()

@@ -13,12 +13,13 @@ __all__ = ["command"]
 
 @click.command("info")
 @click.argument("source", metavar="IN", type=FILE)
-@click.option("--weld", type=Weld(), default="exact", help="Count as deform --weld sees it.  [exact]")
+@click.option("--weld", type=Weld(), metavar="exact|off|LENGTH", default="exact", help="As of deform.  [exact]")
 @click.option("--backend", type=click.Choice(CHOICES["backend"]), default="auto", help="Reader.  [auto]")
 def command(source: Path, weld: str, backend: Literal["auto", "pymeshlab", "trimesh"]) -> None:
-    """Count what is in the mesh IN: faces, components, boundaries, duplicates, groups.
+    """Count what is in the mesh IN.
 
-    Edges and components are those of the welded mesh, which deform works on.
+    Faces, components, boundaries, duplicates, groups and more. Edges and components
+    are those of the welded mesh, which deform works on.
     """
     from oneform_warp.cli.mesh_facts import facts
     from oneform_warp.filters import read_mesh

@@ -32,9 +32,14 @@ def settings_options(function: Callable[..., Any]) -> Callable[..., Any]:
     """The options that a recipe may give as well, one for each field of Settings."""
     options = [
         click.option("--weights", type=click.Choice(CHOICES["weights"]), help="Edge weights.  [cotangent]"),
-        click.option("--weld", type=Weld(), help="Join vertices at equal positions, or within a length.  [exact]"),
+        click.option(
+            "--weld",
+            type=Weld(),
+            metavar="exact|off|LENGTH",
+            help="Join vertices at equal positions.  [exact]",
+        ),
         click.option("--solver", type=click.Choice(CHOICES["solver"]), help="Solver.  [cg]"),
-        click.option("--tol", type=click.FloatRange(min=0.0, max=1.0), help="Relative residual to reach.  [1e-6]"),
+        click.option("--tol", type=click.FloatRange(min=0.0), help="Relative residual to reach.  [1e-6]"),
         click.option("--max-iterations", type=click.IntRange(min=0), help="Over all restarts.  [20000]"),
         click.option("--dtype", type=click.Choice(CHOICES["dtype"]), help="Of the inner iterations.  [float32]"),
         click.option("--start", type=click.Choice(CHOICES["start"]), help="Where the solver starts.  [rest]"),

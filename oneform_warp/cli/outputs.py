@@ -11,23 +11,30 @@ from oneform_warp.errors import FileError
 __all__ = ["check_writable", "write_json"]
 
 
-def check_writable(path: Path | None, suffix: str | None = None) -> None:
-    """FileError where a file of this path (and suffix) could not be made; makes nothing."""
-    if path is None:
-        return
-    if suffix is not None and path.suffix.lower() != suffix:
-        raise FileError(f"the name does not end in {suffix}", where=str(path), fix="change the name")
+def check_writable(out: Path | None, preview: Path | None, report: Path | None) -> None:
+    """FileError where one of the files of `deform` could not be made; makes nothing."""
+    given = [path for path in (out, preview, report) if path is not None]
+    for path in given:
+        if [other.absolute() for other in given].count(path.absolute()) > 1:
+            raise FileError("two files are to be written here", where=str(path), fix="give them different names")
+        _check_place(path)
+    if preview is not None and preview.suffix.lower() != ".png":
+        raise FileError("a picture is a .png file", where=str(preview), fix="change the name")
+
+
+def _check_place(path: Path) -> None:
+    """FileError where no file can be made at this path."""
+    folder = path.absolute().parent
     if path.is_dir():
         raise FileError("this is a folder", where=str(path), fix="add a file name")
-    if not path.absolute().parent.is_dir():
+    if not folder.is_dir():
         raise FileError("the folder does not exist", where=str(path), fix="make the folder first")
     try:
-        with tempfile.TemporaryFile(dir=path.absolute().parent):
+        with tempfile.TemporaryFile(dir=folder):
             pass
     except OSError as error:
-        raise FileError(
-            f"the folder cannot be written to: {error.strerror}", where=str(path), fix="choose another"
-        ) from None
+        what = f"the folder cannot be written to: {error.strerror}"
+        raise FileError(what, where=str(path), fix="choose another folder") from None
 
 
 def write_json(path: Path, value: Any) -> None:

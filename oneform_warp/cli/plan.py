@@ -85,7 +85,7 @@ def handle_text(handle: Handle) -> str:
         words = ["not rotated"]
     else:
         size = float(np.linalg.norm(turn))
-        axis = " ".join(f"{each:.4g}" for each in turn / size)
+        axis = " ".join(f"{each + 0.0:.4g}" for each in turn / size)  # + 0.0 makes 0 of -0
         words = [f"rotated by {np.degrees(size):.6g} degrees about ({axis})"]
     if handle.stretch is None:
         words.append("stretch free")
