@@ -40,8 +40,8 @@ bench: setup ## the short benchmarks
 bench-full: setup ## all benchmarks (needs a GPU)
 	$(BIN)/python -m bench --full
 
-figures: setup ## draw the figures of docs/ again
-	$(BIN)/python -m bench.figures
+figures: setup ## draw the figures of the paper into figures/
+	$(BIN)/python -m examples
 
 lock: setup ## bring requirements.lock up to date (needs uv)
 	uv pip compile --quiet --upgrade --universal --generate-hashes --no-emit-index-url --no-emit-find-links \

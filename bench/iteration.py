@@ -31,7 +31,7 @@ def row(count: int, device: Any) -> dict[str, Any]:
     graph = ow.Graph.from_faces(x, faces, device=device)
     iteration = ow.CG().prepare(graph, np.zeros(graph.node_count, dtype=bool)).inner
     assert isinstance(iteration, cg._Iteration)
-    rows, product = iteration.rows, cg._product(iteration.rows.precision)
+    rows, product = iteration.rows, cg.product_and_dot(iteration.rows.precision)
     one = replayed(
         lambda: launch_chunks(product, rows.segments, [*rows.arguments(), iteration.p], [iteration.q, iteration.pq]),
         device,

@@ -12,7 +12,7 @@ import numpy as np
 
 import oneform_warp as ow
 from meshes import Floats, box
-from pictures import figure_folder, save_row
+from pictures import figure_folder, report, save_row
 
 
 def pipeline(x: Floats, faces: Any, handles: list[ow.Handle]) -> tuple[ow.Fields, Floats, Floats]:
@@ -40,6 +40,7 @@ def numbers() -> dict[str, float]:
 
 
 def main(folder: Path) -> None:
+    report(numbers())
     x, faces, handles = bar()
     fields, estimate, solution = pipeline(x, faces, handles)
     angle = np.linalg.norm(fields.omega, axis=1)
@@ -53,5 +54,4 @@ def main(folder: Path) -> None:
 
 
 if __name__ == "__main__":
-    print(numbers())
     main(figure_folder())

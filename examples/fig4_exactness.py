@@ -12,7 +12,7 @@ import numpy as np
 
 import oneform_warp as ow
 from meshes import Floats
-from pictures import figure_folder
+from pictures import figure_folder, report
 
 CELLS = 16
 TURN = np.radians(150.0)
@@ -58,6 +58,7 @@ def numbers() -> dict[str, float]:
 
 
 def main(folder: Path) -> None:
+    report(numbers())
     from matplotlib.collections import LineCollection
     from matplotlib.figure import Figure
 
@@ -78,5 +79,4 @@ def main(folder: Path) -> None:
 
 
 if __name__ == "__main__":
-    print(numbers())
     main(figure_folder())

@@ -14,7 +14,7 @@ from scipy.sparse.csgraph import minimum_spanning_tree
 
 import oneform_warp as ow
 from meshes import Floats
-from pictures import figure_folder
+from pictures import figure_folder, report
 
 
 def twisted_bar() -> tuple[ow.Graph, Floats, Floats]:
@@ -52,6 +52,7 @@ def numbers() -> dict[str, float]:
 
 
 def main(folder: Path) -> None:
+    report(numbers())
     from matplotlib.collections import LineCollection
     from matplotlib.figure import Figure
 
@@ -72,5 +73,4 @@ def main(folder: Path) -> None:
 
 
 if __name__ == "__main__":
-    print(numbers())
     main(figure_folder())

@@ -12,7 +12,7 @@ import numpy as np
 
 import oneform_warp as ow
 from meshes import Floats, Pose, bent_starfish, box, limb, load
-from pictures import figure_folder, save_row
+from pictures import figure_folder, report, save_row
 
 STARTS = ("rest", "min_depth", "maximal", "minimal")
 
@@ -45,6 +45,7 @@ def distance(x: Floats, y: Floats) -> float:
 
 
 def main(folder: Path) -> None:
+    report(numbers(pose()))
     x, faces, handles = pose()
     result = ow.Deformer(x, faces).solve(handles, start="maximal")
     items = [
@@ -56,5 +57,4 @@ def main(folder: Path) -> None:
 
 
 if __name__ == "__main__":
-    print(numbers(pose()))
     main(figure_folder())

@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 
 import oneform_warp as ow
-from meshes import Pose, bent_starfish, edge_change, limb, load
-from pictures import figure_folder, save_row
+from meshes import Pose, bent_starfish, limb, load, turn_error
+from pictures import figure_folder, report, save_row
 
 # Tip in parts of the box, length of the stiff end, where the palm begins, axis of the bend.
 FINGERS = [
@@ -33,13 +33,14 @@ def pose(angle: float = 110.0) -> Pose:
 
 
 def numbers(pose: Pose) -> dict[str, float]:
-    """How much the stiff ends change their shape: a rotation keeps lengths, so the edges inside should too."""
+    """How far the turned ends are from the rotations asked for: nothing pulls at them, so they should follow."""
     x, faces, handles = pose
     y = ow.Deformer(x, faces).solve(handles).x
-    return {"median edge change in the turned ends / %": edge_change(x, y, faces, handles)}
+    return {"largest error of a turn / degrees": turn_error(x, y, handles)}
 
 
 def main(folder: Path) -> None:
+    report(numbers(pose()))
     x, faces, handles = pose()
     result = ow.Deformer(x, faces).solve(handles)
     angle = np.linalg.norm(result.omega, axis=1)
@@ -48,5 +49,4 @@ def main(folder: Path) -> None:
 
 
 if __name__ == "__main__":
-    print(numbers(pose()))
     main(figure_folder())

@@ -12,7 +12,7 @@ from scipy.sparse import coo_array
 
 import oneform_warp as ow
 from meshes import Floats, box
-from pictures import figure_folder, save_row
+from pictures import figure_folder, report, save_row
 
 
 def noisy_sphere(level: int = 4, noise: float = 0.02) -> tuple[ow.Graph, Floats, Floats]:
@@ -57,11 +57,11 @@ def numbers(sweeps: int = 20) -> dict[str, float]:
 
 
 def main(folder: Path) -> None:
+    report(numbers())
     graph, x, faces = noisy_sphere()
-    items = [(f"{sweeps} sweeps", smooth(graph, x, sweeps), faces) for sweeps in (0, 1, 3, 10)]
+    items = [(f"sweeps: {sweeps}", smooth(graph, x, sweeps), faces) for sweeps in (0, 1, 3, 10)]
     save_row(folder / "laplacian_smoothing.png", items, height=400)
 
 
 if __name__ == "__main__":
-    print(numbers())
     main(figure_folder())

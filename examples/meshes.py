@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
+from scipy.spatial.transform import Rotation
 
 import oneform_warp as ow
 
@@ -61,16 +62,16 @@ def box(x: Floats) -> float:
 
 def bent_starfish(level: int = 4, angle: float = 90.0) -> Pose:
     """A starfish with one arm bent: what the figures draw where the paper's meshes are not there."""
-    x, faces = ow.shapes.starfish(level=level)
-    arm, body = limb(x, faces, (1, 0.5, 0.5), 0.14, 0.3)
+    x, faces = ow.shapes.starfish(level=level, core=0.2)
+    arm, body = limb(x, faces, (1, 0.5, 0.5), 0.18, 0.3)
     return x, faces, [ow.Handle(body, held=True), ow.Handle(arm, axis="z", angle=angle)]
 
 
-def edge_change(x: Floats, y: Floats, faces: Any, handles: Sequence[ow.Handle]) -> float:
-    """By how many percent the edges inside the turned handles change their lengths, the median."""
-    graph = ow.Graph.from_faces(x, faces)
-    changes = []
-    for handle in handles[1:]:
-        i, j = graph.edges[handle.vertices[graph.edges].all(axis=1)].T
-        changes.append(np.linalg.norm(y[j] - y[i], axis=1) / np.linalg.norm(x[j] - x[i], axis=1) - 1.0)
-    return 100.0 * float(np.median(np.abs(np.concatenate(changes))))
+def turn_error(x: Floats, y: Floats, handles: Sequence[ow.Handle]) -> float:
+    """By how many degrees the rotations that best fit the turned handles differ from the ones asked for, the most."""
+    errors = []
+    for handle in (handle for handle in handles if not handle.held):
+        before, after = (pose[handle.vertices] - pose[handle.vertices].mean(axis=0) for pose in (x, y))
+        fit = Rotation.align_vectors(after, before)[0]
+        errors.append((fit * Rotation.from_rotvec(handle.rotation).inv()).magnitude())
+    return float(np.degrees(max(errors)))

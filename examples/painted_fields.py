@@ -14,7 +14,7 @@ import numpy as np
 
 import oneform_warp as ow
 from meshes import Floats
-from pictures import figure_folder, save_row
+from pictures import figure_folder, report, save_row
 
 HEIGHT = 1.5 * np.pi
 
@@ -60,12 +60,12 @@ def stroke(sweeps: int) -> tuple[Floats, Any, Floats]:
 
 
 def main(folder: Path) -> None:
+    report(numbers())
     x, faces = rectangle(16)
     save_row(folder / "painted_fields.png", [("ω", x, faces, x[:, 1]), ("eᶻ", wrapped(x, faces), faces, x[:, 1])])
-    items = [(f"{sweeps} sweeps", *stroke(sweeps)) for sweeps in (10, 50, 250, 1250)]
+    items = [(f"sweeps: {sweeps}", *stroke(sweeps)) for sweeps in (10, 50, 250, 1250)]
     save_row(folder / "painted_strokes.png", items, height=400)
 
 
 if __name__ == "__main__":
-    print(numbers())
     main(figure_folder())

@@ -1,4 +1,4 @@
-"""Where the examples' pictures go, and a row of panels without the white between them."""
+"""What the examples print and draw: their numbers, and rows of panels without the white between them."""
 
 from __future__ import annotations
 
@@ -20,6 +20,12 @@ def figure_folder() -> Path:
     folder = Path(sys.argv[1] if len(sys.argv) > 1 else "figures")
     folder.mkdir(parents=True, exist_ok=True)
     return folder
+
+
+def report(numbers: dict[str, float]) -> None:
+    """Print numbers, one on a line."""
+    for name, value in numbers.items():
+        print(f"  {value:12.4g}  {name}")
 
 
 def save_row(path: Path, items: Sequence[Any], *, height: int = 480, gap: int = 24) -> None:

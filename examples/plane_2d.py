@@ -12,7 +12,7 @@ import numpy as np
 
 import oneform_warp as ow
 from meshes import Floats, Pose, box, limb, load
-from pictures import figure_folder, save_row
+from pictures import figure_folder, report, save_row
 
 
 def pose() -> Pose:
@@ -43,6 +43,7 @@ def numbers(degrees: float = 170.0) -> dict[str, float]:
 
 
 def main(folder: Path) -> None:
+    report(numbers())
     x, faces, handles = pose()
     result = ow.Deformer(x, faces).solve(handles)
     items = [("rest pose", x, faces, result.omega), ("solution", result.x, faces, result.omega)]
@@ -50,5 +51,4 @@ def main(folder: Path) -> None:
 
 
 if __name__ == "__main__":
-    print(numbers())
     main(figure_folder())

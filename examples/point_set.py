@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 import oneform_warp as ow
 from meshes import Floats, box
-from pictures import figure_folder, save_row
+from pictures import figure_folder, report, save_row
 
 
 def points(count: int = 3000) -> Floats:
@@ -31,6 +31,7 @@ def numbers() -> dict[str, float]:
 
 
 def main(folder: Path) -> None:
+    report(numbers())
     x = points()
     height = x[:, 1]
     handles = [ow.Handle(height < 0.15, held=True), ow.Handle(height > 0.85, axis="z", angle=-150)]
@@ -40,5 +41,4 @@ def main(folder: Path) -> None:
 
 
 if __name__ == "__main__":
-    print(numbers())
     main(figure_folder())

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 import oneform_warp as ow
 from meshes import Floats
-from pictures import figure_folder
+from pictures import figure_folder, report
 
 Mask = NDArray[np.bool_]
 
@@ -47,14 +47,14 @@ def clone_densely(source: Floats, target: Floats, mask: Mask, *, mixed: bool = F
 
 
 def images(size: int) -> tuple[Floats, Floats, Mask]:
-    """-> source: a striped ball before a bright wall; target: a sky with thin clouds; mask: a disc around the ball."""
+    """-> source: a striped ball before a grey wall; target: a sky with thin clouds; mask: a disc around the ball."""
     y, x = np.mgrid[0:size, 0:size] / (size - 1) * 2.0 - 1.0
     radius = np.hypot(x, y)
     dome = np.sqrt(np.clip(1.0 - (radius / 0.5) ** 2, 0.0, 1.0))
     light = 0.35 + 0.65 * np.clip(-0.5 * x - 0.5 * y + 0.7 * dome, 0.0, 1.0)
     stripes = 0.5 + 0.5 * np.tanh(4.0 * np.sin(14.0 * y + 3.0 * x * dome))
     paint = stripes[..., None] * [0.9, 0.55, 0.2] + (1.0 - stripes[..., None]) * [0.55, 0.2, 0.15]
-    wall = (0.8 + 0.02 * np.sin(40.0 * x) * np.sin(40.0 * y))[..., None] * [1.0, 1.0, 0.9]
+    wall = (0.42 + 0.02 * np.sin(40.0 * x) * np.sin(40.0 * y))[..., None] * [0.9, 0.95, 1.0]
     source = np.where((radius < 0.5)[..., None], paint * light[..., None], wall)
     height = (y[..., None] + 1.0) / 2.0
     clouds = np.clip(np.sin(9.0 * y + 2.0 * np.sin(3.0 * x)) * np.sin(5.0 * x + 4.0 * y), 0.0, 1.0)[..., None]
@@ -72,6 +72,7 @@ def numbers() -> dict[str, float]:
 
 
 def main(folder: Path) -> None:
+    report(numbers())
     from matplotlib.figure import Figure
 
     source, target, mask = images(256)
@@ -90,5 +91,4 @@ def main(folder: Path) -> None:
 
 
 if __name__ == "__main__":
-    print(numbers())
     main(figure_folder())

@@ -12,7 +12,7 @@ import numpy as np
 
 import oneform_warp as ow
 from meshes import Floats
-from pictures import figure_folder
+from pictures import figure_folder, report
 
 STRETCH = 4.0
 
@@ -40,6 +40,7 @@ def numbers(edges: int = 100) -> dict[str, float]:
 
 
 def main(folder: Path) -> None:
+    report(numbers())
     from matplotlib.figure import Figure
 
     edges = 20
@@ -54,5 +55,4 @@ def main(folder: Path) -> None:
 
 
 if __name__ == "__main__":
-    print(numbers())
     main(figure_folder())

@@ -14,11 +14,12 @@ from numpy.typing import NDArray
 
 from oneform_warp.arrays import Rows, read_rows
 from oneform_warp.errors import InputError, NotConverged, OneFormWarning
-from oneform_warp.fields import JUMP_LIMIT, Fields, NodeFields, Smoothing, fast_edges, node_fields
+from oneform_warp.fields import Fields, NodeFields, Smoothing, node_fields
 from oneform_warp.forms import node_differential, node_transform
 from oneform_warp.graph import Graph
 from oneform_warp.handles import Handle, held_nodes
-from oneform_warp.solvers import CG, Progress, Solution, Solver
+from oneform_warp.notes import bare_notes, field_notes, misfit_notes
+from oneform_warp.solvers import Progress, Solution, Solver, default_solver
 from oneform_warp.solvers.least_squares import keep_centroids
 from oneform_warp.solvers.rows import power_of_two
 from oneform_warp.starts import Problem, Start, read_start
@@ -57,7 +58,8 @@ class Deformer:
     """A mesh or graph at rest, ready to be deformed again and again.
 
     x: rest positions (V, D), any unit, NumPy or Warp. faces: (F, k) array, list of polygons, (indices, offsets), or a
-    Graph. weights, weld, extra_edges, device: see `Graph.from_faces`. solver: default CG().
+    Graph. weights, weld, extra_edges, device: see `Graph.from_faces`. solver: default by size, see
+    `solvers.default_solver`.
     """
 
     def __init__(
@@ -75,7 +77,6 @@ class Deformer:
         rows = read_rows(x, None, "x")
         where = rows.device if device is None and rows.device is not None else device
         self.weights = weights
-        self.solver: Solver = CG() if solver is None else solver
         if isinstance(faces, Graph):
             self.graph = faces
         else:
@@ -88,6 +89,7 @@ class Deformer:
                 extra_weight=extra_weight,
                 device=where,
             )
+        self.solver: Solver = default_solver(self.graph) if solver is None else solver
         self._rest_on(rows)
 
     def rest_on(self, x: Any) -> None:
@@ -170,8 +172,8 @@ class Deformer:
         self._previous = solution.x
         clock.stop("solve")
         notes = [
-            *_field_notes(self.graph, nodes),
-            *([] if fields is not None else _bare_notes(self.graph, handles)),
+            *field_notes(self.graph, nodes),
+            *([] if fields is not None else bare_notes(self.graph, handles)),
         ]
         return self._report(solution, nodes, v, begin, notes, clock)
 
@@ -217,8 +219,10 @@ class Deformer:
         clock: _Clock,
     ) -> Deformation:
         columns = self.rows.dimension
-        difference = node_differential(self.graph, solution.x).numpy() - v.numpy()
-        phi = float((self.graph.mu.numpy() * np.einsum("ij,ij->i", difference, difference)).sum())
+        mu, form = self.graph.mu.numpy(), v.numpy()
+        difference = node_differential(self.graph, solution.x).numpy() - form
+        phi, asked = (float((mu * np.einsum("ij,ij->i", rows, rows)).sum()) for rows in (difference, form))
+        notes += misfit_notes(phi, asked)
         return Deformation(
             x=self._outside(solution.x),
             status=solution.status,
@@ -229,7 +233,7 @@ class Deformer:
             history=solution.history,
             energy=phi * self._scale**2,
             fields=nodes.per_vertex(self.graph, columns),
-            v=v.numpy()[:, :columns] * self._scale,
+            v=form[:, :columns] * self._scale,
             estimate=self._outside(begin),
             warnings=tuple(notes),
             seconds=clock.seconds,
@@ -278,33 +282,3 @@ class _Clock:
         wp.synchronize_device(self.device)
         now = time.perf_counter()
         self.seconds[stage], self.last = now - self.last, now
-
-
-def _field_notes(graph: Graph, nodes: NodeFields) -> list[str]:
-    """What to look at in the fields."""
-    notes = [f"the fields are not smooth yet: {s.status}" for s in nodes.solutions if not s.converged]
-    count, first = fast_edges(graph, nodes.omega, JUMP_LIMIT)
-    if count:
-        i, j = graph.edges[first]
-        notes.append(
-            f"the rotation changes by more than 45 degrees along {count} edges (the first joins vertices {i} and {j}); "
-            "at 180 a turn is lost: put more vertices between the handles, or more room"
-        )
-    return notes
-
-
-def _bare_notes(graph: Graph, handles: list[Handle]) -> list[str]:
-    """Names the components that no handle touches."""
-    touched = np.zeros(graph.component_count, dtype=bool)
-    for number, handle in enumerate(handles):
-        touched[graph.components[handle.mask(graph.vertex_count, number)]] = True
-    bare = np.flatnonzero(~touched)
-    if not len(bare):
-        return []
-    sizes = np.bincount(graph.components, minlength=graph.component_count)
-    first = [int(graph.vertex_at[graph.component_offsets[c] : graph.component_offsets[c + 1]].min()) for c in bare[:3]]
-    named = ", ".join(f"the one of vertex {v} ({sizes[c]} vertices)" for v, c in zip(first, bare[:3], strict=True))
-    more = f" and {len(bare) - 3} more" if len(bare) > 3 else ""
-    return [
-        f"no handle touches {len(bare)} of {graph.component_count} components, they stay as they are: {named}{more}"
-    ]

@@ -15,7 +15,7 @@ from oneform_warp.errors import InputError
 from oneform_warp.forms import read_fields
 from oneform_warp.graph import Graph
 from oneform_warp.handles import Handle, Pins, rotation_pins, stretch_pins
-from oneform_warp.solvers import CG, Jacobi, Solution, Solver
+from oneform_warp.solvers import Jacobi, Solution, Solver, default_solver
 
 __all__ = ["JUMP_LIMIT", "Fields", "NodeFields", "Smoothing", "fast_edges", "smooth_fields"]
 
@@ -190,7 +190,7 @@ def smooth_fields(
         dimension=dimension,
         smoothing=smoothing,
         x=graph.nodes_from(data),
-        solver=solver or CG(),
+        solver=default_solver(graph) if solver is None else solver,
     )
     return nodes.per_vertex(graph, dimension)
 

@@ -172,6 +172,21 @@ def test_fast_rotations_are_warned_about() -> None:
     assert ow.Deformer(x, faces).solve(bar_handles(x, 360.0)).warnings == ()
 
 
+def test_a_shape_that_gives_way_is_warned_about() -> None:
+    x, faces = ow.shapes.bar()
+    z = x[:, 2]
+
+    def notes(angle: float) -> tuple[str, ...]:
+        return (
+            ow.Deformer(x, faces)
+            .solve([ow.Handle(z < 0.2, held=True), ow.Handle(z > 0.8, axis="z", angle=angle)])
+            .warnings
+        )
+
+    assert notes(180.0) == ()
+    assert any("whole turns may be lost; spread it over more length" in text for text in notes(720.0))
+
+
 def test_every_start_gives_the_same_answer() -> None:
     x, faces = ow.shapes.bar()
     deformer = ow.Deformer(x, faces)

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from references import components, random_graph
 from scipy.spatial.transform import Rotation
 
 import oneform_warp as ow
+from references import components, random_graph
 
 SEEDS = st.integers(0, 10**6)
 FIELD_ERROR = 1e-4  # tol 1e-6 times the condition number of the graphs here

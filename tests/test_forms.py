@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from references import random_graph
 from scipy.spatial.transform import Rotation
 
 import oneform_warp as ow
+from references import random_graph
 
 ROUNDING = 1e-12  # float64 sums of up to a few hundred terms of order one
 SEEDS = st.integers(0, 10**6)

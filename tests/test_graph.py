@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from references import components, random_graph
 
 import oneform_warp as ow
 from oneform_warp.incidence import check_limits
 from oneform_warp.polygons import as_polygons, fan_corners, polygon_edges
 from oneform_warp.weights import COTANGENT_RANGE, LENGTH_RATIO
 from oneform_warp.weld import weld
+from references import components, random_graph
 
 SEEDS = st.integers(0, 10**6)
 

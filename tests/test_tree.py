@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from references import RandomGraph, components, random_graph
 
 import oneform_warp as ow
+from references import RandomGraph, components, random_graph
 
 SEEDS = st.integers(0, 10**6)
 KINDS = ["min_depth", "maximal", "minimal"]

@@ -1,12 +1,14 @@
 """A mesh, its handles and a deformer: everything that is checked before the first kernel runs."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from oneform_warp import solvers
 from oneform_warp.cli.selections import box_text, select_vertices
 from oneform_warp.cli.settings import Settings, weld_length
 from oneform_warp.cli.specs import HandleSpec
@@ -16,7 +18,7 @@ from oneform_warp.fields import Smoothing
 from oneform_warp.filters import MeshFile
 from oneform_warp.filters.meshfile import WRITABLE
 from oneform_warp.handles import Handle, rotation_pins, stretch_pins
-from oneform_warp.solvers import CG, Jacobi, Progress
+from oneform_warp.solvers import Progress
 
 __all__ = ["Plan", "handle_text", "make_plan"]
 
@@ -58,20 +60,26 @@ def make_plan(mesh: MeshFile, specs: Sequence[HandleSpec], settings: Settings, o
     if out is not None:
         _check_format(mesh, out)
     Smoothing(settings.sweeps, settings.length)
-    solver = (CG if settings.solver == "cg" else Jacobi)(**settings.solver_options)
     handles = [Handle(select_vertices(spec, mesh), **{**spec.options, "name": spec.name}) for spec in specs]
     deformer = Deformer(
         mesh.positions,
         mesh.faces,
         weights=settings.weights,
         weld=weld_length(settings.weld),
-        solver=solver,
         device=settings.device,
     )
+    deformer.solver = _solver(settings, deformer.solver)
     # For their checks alone: handles must not contradict each other, and a dry run solves nothing.
     rotation_pins(deformer.graph, handles, 3)
     stretch_pins(deformer.graph, handles)
     return Plan(mesh, specs, handles, deformer, settings)
+
+
+def _solver(settings: Settings, default: Any) -> Any:
+    """The named solver, or the one that the library takes for this mesh, with the options that are given."""
+    names = {"cg": "CG", "jacobi": "Jacobi", "multigrid": "Multigrid"}
+    base = default if settings.solver == "auto" else getattr(solvers, names[settings.solver])()
+    return replace(base, **settings.solver_options)
 
 
 def handle_text(handle: Handle) -> str:

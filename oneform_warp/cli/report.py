@@ -36,8 +36,8 @@ def report_lines(plan: Plan, solution: Deformation, seconds: Mapping[str, float]
     times = ", ".join(f"{stage} {value:.3f}" for stage, value in seconds.items())
     return [
         mesh_line(plan),
-        f"{solution.status.word} after {solution.iterations:,} iterations and {solution.restarts} restarts, "
-        f"residual {ratio:.3g} times its goal",
+        f"{solution.status.word} after {solution.iterations:,} iterations of {_solver(plan)} "
+        f"(restarts: {solution.restarts}), residual {ratio:.3g} times its goal",
         f"energy {solution.energy:.6g}",
         f"seconds: {times}; {sum(seconds.values()):.3f} in all",
     ]
@@ -58,6 +58,7 @@ def report_json(plan: Plan, solution: Deformation, seconds: Mapping[str, float],
         "components": graph.component_count,
         "settings": asdict(plan.settings),
         "handles": [_handle(plan, number) for number in range(len(plan.handles))],
+        "solver": _solver(plan),
         "status": solution.status.word,
         "message": str(solution.status),
         "converged": solution.converged,
@@ -69,6 +70,10 @@ def report_json(plan: Plan, solution: Deformation, seconds: Mapping[str, float],
         "seconds": dict(seconds),
         "warnings": list(solution.warnings),
     }
+
+
+def _solver(plan: Plan) -> str:
+    return type(plan.deformer.solver).__name__
 
 
 def _handle(plan: Plan, number: int) -> dict[str, Any]:

@@ -13,7 +13,7 @@ __all__ = ["CHOICES", "Settings", "checked_setting", "settings_from", "weld_leng
 # The words of the core, repeated so that the help need not load Warp; a test compares them.
 CHOICES = {
     "weights": ("cotangent", "uniform", "inverse_length"),
-    "solver": ("cg", "jacobi"),
+    "solver": ("auto", "cg", "jacobi", "multigrid"),
     "dtype": ("float32", "float64"),
     "start": ("rest", "previous", "min_depth", "maximal", "minimal", "zero"),
     "backend": ("auto", "pymeshlab", "trimesh"),
@@ -26,10 +26,10 @@ class Settings:
 
     weights: str = "cotangent"
     weld: str | float = "exact"
-    solver: str = "cg"
+    solver: str = "auto"
     tol: float | None = None
     max_iterations: int | None = None
-    dtype: str = "float32"
+    dtype: str | None = None
     start: str = "rest"
     sweeps: int | None = None
     length: float | None = None
@@ -38,7 +38,7 @@ class Settings:
 
     @property
     def solver_options(self) -> dict[str, Any]:
-        """The keyword arguments of CG or Jacobi."""
+        """The fields of the solver that are given."""
         given = {"tol": self.tol, "max_iterations": self.max_iterations, "dtype": self.dtype}
         return {name: value for name, value in given.items() if value is not None}
 

@@ -4,9 +4,23 @@
 """
 
 from oneform_warp.solvers.cg import CG
+from oneform_warp.solvers.choice import default_solver
 from oneform_warp.solvers.jacobi import Jacobi
-from oneform_warp.solvers.least_squares import Solver, solve
+from oneform_warp.solvers.least_squares import solve
+from oneform_warp.solvers.multigrid import Multigrid
 from oneform_warp.solvers.refinement import State
 from oneform_warp.solvers.solution import Progress, Solution, Status
+from oneform_warp.solvers.solver import Solver
 
-__all__ = ["CG", "Jacobi", "Progress", "Solution", "Solver", "State", "Status", "solve"]
+__all__ = [
+    "CG",
+    "Jacobi",
+    "Multigrid",
+    "Progress",
+    "Solution",
+    "Solver",
+    "State",
+    "Status",
+    "default_solver",
+    "solve",
+]

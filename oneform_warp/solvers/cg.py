@@ -35,7 +35,7 @@ def _start(
     inverse_diagonal: wp.array[Scalar],
     r: wp.array[Vector],
     # Out:
-    e_out: wp.array[Vector],
+    e_out: wp.array[wp.vec3d],
     p_out: wp.array[Vector],
     rz_out: wp.array[wp.vec3d],
     rr_out: wp.array[wp.vec3d],
@@ -45,7 +45,7 @@ def _start(
     rr = wp.vec3d()
     for i in range(chunk_offsets[k] + lane, chunk_offsets[k + 1], wp.block_dim()):
         z = inverse_diagonal[i] * r[i]
-        e_out[i] = Vector()
+        e_out[i] = wp.vec3d()
         p_out[i] = z
         rz += wp.vec3d(wp.cw_mul(r[i], z))
         rr += wp.vec3d(wp.cw_mul(r[i], r[i]))
@@ -54,7 +54,7 @@ def _start(
 
 
 @in_both_precisions
-def _product(
+def product_and_dot(
     chunk_offsets: wp.array[wp.int32],
     # Graph:
     offsets: wp.array[wp.int32],
@@ -84,7 +84,7 @@ def _product(
 
 
 @wp.kernel(enable_backward=False)
-def _alpha(
+def alpha_of_components(
     component_chunks: wp.array[wp.int32],
     # In:
     pq_partial: wp.array[wp.vec3d],
@@ -116,7 +116,7 @@ def _step(
     p: wp.array[Vector],
     q: wp.array[Vector],
     # Out:
-    e_out: wp.array[Vector],
+    e_out: wp.array[wp.vec3d],
     r_out: wp.array[Vector],
     rz_out: wp.array[wp.vec3d],
     rr_out: wp.array[wp.vec3d],
@@ -127,7 +127,7 @@ def _step(
     rr = wp.vec3d()
     for i in range(chunk_offsets[k] + lane, chunk_offsets[k + 1], wp.block_dim()):
         r = r_out[i] - wp.cw_mul(a, q[i])
-        e_out[i] = e_out[i] + wp.cw_mul(a, p[i])
+        e_out[i] = e_out[i] + wp.cw_mul(wp.vec3d(a), wp.vec3d(p[i]))
         r_out[i] = r
         square = wp.cw_mul(r, r)
         rz += wp.vec3d(inverse_diagonal[i] * square)
@@ -137,7 +137,7 @@ def _step(
 
 
 @wp.kernel(enable_backward=False)
-def _beta(
+def beta_of_components(
     component_chunks: wp.array[wp.int32],
     # In:
     rz_partial: wp.array[wp.vec3d],
@@ -184,8 +184,10 @@ class _Iteration:
     def __init__(self, rows: LaplacianRows) -> None:
         self.rows = rows
         self.floor = rows.precision.floor
-        self.e, self.r, self.p, self.q = (rows.vectors() for _ in range(4))
+        self.r, self.p, self.q = (rows.vectors() for _ in range(3))
         segments = rows.segments
+        # Adding up e in float32 would round it, and the residual of that rounding is far above the goal.
+        self.e = wp.zeros(self.r.shape[0], dtype=wp.vec3d, device=segments.device)
         self.pq, self.rz, self.rr = (segments.partials() for _ in range(3))
         self.alpha, self.beta, self.aim, self.rz_sum, self.rr_sum = (segments.zeros() for _ in range(5))
         self.batches = Batches(self._iterate, segments.device)
@@ -208,7 +210,7 @@ class _Iteration:
             [rows.inverse_diagonal, self.r],
             [self.e, self.p, self.rz, self.rr],
         )
-        launch_components(_beta, segments, [self.rz, self.rr], [self.rz_sum, self.rr_sum, self.beta])
+        launch_components(beta_of_components, segments, [self.rz, self.rr], [self.rz_sum, self.rr_sum, self.beta])
         done = 0
         while done < budget:
             done += self.batches.run(min(BATCH, budget - done))
@@ -220,15 +222,15 @@ class _Iteration:
     def _iterate(self) -> None:
         rows, segments, precision = self.rows, self.rows.segments, self.rows.precision
         diagonal = rows.inverse_diagonal
-        launch_chunks(_product(precision), segments, [*rows.arguments(), self.p], [self.q, self.pq])
-        launch_components(_alpha, segments, [self.pq, self.rz_sum, self.rr_sum, self.aim], [self.alpha])
+        launch_chunks(product_and_dot(precision), segments, [*rows.arguments(), self.p], [self.q, self.pq])
+        launch_components(alpha_of_components, segments, [self.pq, self.rz_sum, self.rr_sum, self.aim], [self.alpha])
         launch_chunks(
             _step(precision),
             segments,
             [segments.chunk_component, diagonal, self.alpha, self.p, self.q],
             [self.e, self.r, self.rz, self.rr],
         )
-        launch_components(_beta, segments, [self.rz, self.rr], [self.rz_sum, self.rr_sum, self.beta])
+        launch_components(beta_of_components, segments, [self.rz, self.rr], [self.rz_sum, self.rr_sum, self.beta])
         launch_chunks(
             _direction(precision), segments, [segments.chunk_component, diagonal, self.beta, self.r], [self.p]
         )

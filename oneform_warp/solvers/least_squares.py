@@ -3,39 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import warp as wp
-from numpy.typing import NDArray
 
 from oneform_warp.arrays import read_rows, to_device, vertex_mask
 from oneform_warp.errors import InputError
 from oneform_warp.graph import Graph
-from oneform_warp.solvers.cg import CG
-from oneform_warp.solvers.refinement import State
+from oneform_warp.solvers.choice import default_solver
 from oneform_warp.solvers.solution import Progress, Solution
+from oneform_warp.solvers.solver import Solver
 from oneform_warp.solvers.system import System
 
-__all__ = ["Solver", "keep_centroids", "solve"]
-
-
-class Solver(Protocol):
-    """A solver by value: options in its fields, everything that costs time in `State`."""
-
-    def prepare(self, graph: Graph, pinned: NDArray[np.bool_], attachment: NDArray[np.float64] | None = None) -> State:
-        """What depends on the graph and its pins alone."""
-
-    def solve(
-        self,
-        state: State,
-        v: wp.array[wp.vec3d],
-        start: wp.array[wp.vec3d],
-        *,
-        target: wp.array[wp.vec3d] | None = None,
-        progress: Progress | None = None,
-    ) -> Solution:
-        """The minimiser for v from a start that holds the pinned values, per node."""
+__all__ = ["keep_centroids", "solve"]
 
 
 def solve(
@@ -50,7 +31,7 @@ def solve(
     """Min over x of phi(x) = sum mu_ij |x_j - x_i - v_ij|^2, one graph Laplacian and D right-hand sides.
 
     v: (m, D) on `graph.edges`. start: (V, D), default zero. fixed: vertices, by index or mask, that stay where `start`
-    has them; a component without any keeps the centroid that it has in `start`. solver: default CG().
+    has them; a component without any keeps the centroid that it has in `start`. solver: default by size.
     -> Solution, its x (V, D) of v's dtype and kind of array. Raises InputError for bad rows, NaN, wrong shapes.
     """
     form = read_rows(v, graph.edge_count, "v")
@@ -64,7 +45,7 @@ def solve(
         )
     pinned = np.zeros(graph.node_count, dtype=bool)
     pinned[graph.node_of[vertex_mask(fixed, graph.vertex_count)]] = True
-    chosen = CG() if solver is None else solver
+    chosen = default_solver(graph) if solver is None else solver
     state = chosen.prepare(graph, pinned)
     x = graph.nodes_from(rows.data)
     solution = chosen.solve(state, to_device(form.data, graph.device), x, progress=progress)

@@ -26,7 +26,7 @@ class Precision:
     """The relative residual below which the recursion no longer follows the true one: restart there."""
 
 
-FLOAT32 = Precision("float32", wp.float32, wp.vec3, 2.0e-6)
+FLOAT32 = Precision("float32", wp.float32, wp.vec3, 2.0e-7)
 FLOAT64 = Precision("float64", wp.float64, wp.vec3d, 1.0e-12)
 
 

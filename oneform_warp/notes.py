@@ -1,0 +1,54 @@
+"""What the user should look at in a deformation, in words."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from oneform_warp.fields import JUMP_LIMIT, NodeFields, fast_edges
+from oneform_warp.graph import Graph
+from oneform_warp.handles import Handle
+
+__all__ = ["bare_notes", "field_notes", "misfit_notes"]
+
+MISFIT = 0.2
+"""A thick bar twisted by 360 degrees misses 0.17, and one that loses turns 0.27 and more."""
+
+
+def field_notes(graph: Graph, nodes: NodeFields) -> list[str]:
+    """What to look at in the fields."""
+    notes = [f"the fields are not smooth yet: {s.status}" for s in nodes.solutions if not s.converged]
+    count, first = fast_edges(graph, nodes.omega, JUMP_LIMIT)
+    if count:
+        i, j = graph.edges[first]
+        notes.append(
+            f"the rotation changes by more than 45 degrees along {count} edges (the first joins vertices {i} and {j}); "
+            "at 180 a turn is lost: put more vertices between the handles, or more room"
+        )
+    return notes
+
+
+def bare_notes(graph: Graph, handles: list[Handle]) -> list[str]:
+    """Names the components that no handle touches."""
+    touched = np.zeros(graph.component_count, dtype=bool)
+    for number, handle in enumerate(handles):
+        touched[graph.components[handle.mask(graph.vertex_count, number)]] = True
+    bare = np.flatnonzero(~touched)
+    if not len(bare):
+        return []
+    sizes = np.bincount(graph.components, minlength=graph.component_count)
+    first = [int(graph.vertex_at[graph.component_offsets[c] : graph.component_offsets[c + 1]].min()) for c in bare[:3]]
+    named = ", ".join(f"the one of vertex {v} ({sizes[c]} vertices)" for v, c in zip(first, bare[:3], strict=True))
+    more = f" and {len(bare) - 3} more" if len(bare) > 3 else ""
+    return [
+        f"no handle touches {len(bare)} of {graph.component_count} components, they stay as they are: {named}{more}"
+    ]
+
+
+def misfit_notes(phi: float, asked: float) -> list[str]:
+    """Whether the shape gave way: phi = sum mu |dx - v|^2 against sum mu |v|^2."""
+    if phi <= MISFIT * asked:
+        return []
+    return [
+        f"the edges miss {phi / asked:.0%} of what the fields ask for (phi / sum mu |v|^2): the rotation changes too "
+        "fast for the thickness of the shape, and whole turns may be lost; spread it over more length"
+    ]

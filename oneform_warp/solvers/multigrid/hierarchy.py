@@ -1,0 +1,140 @@
+"""Levels of smoothed aggregation: the structure is made once per graph, the matrices once per set of pins."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from weakref import WeakKeyDictionary
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from oneform_warp.graph import Graph
+from oneform_warp.solvers.multigrid.aggregates import aggregate, strong_edges
+from oneform_warp.solvers.multigrid.galerkin import GalerkinPattern, galerkin_pattern, galerkin_values
+from oneform_warp.solvers.multigrid.prolongation import Prolongation, smoothed_prolongation
+from oneform_warp.solvers.precision import FLOAT32
+from oneform_warp.solvers.rows import LaplacianRows
+from oneform_warp.solvers.system import System
+
+__all__ = ["Hierarchy", "Structure", "hierarchy", "structure"]
+
+COARSEST = 400
+"""At this many unknowns a dense inverse takes over."""
+
+LEVELS = 20
+THRESHOLDS = (0.08, 0.03)
+COMPLEXITY_LIMIT = 1.4
+"""Above this operator complexity the second threshold, which keeps more edges strong, coarsens faster."""
+
+STALL = 0.75
+"""A level that shrinks to no less than this part is not worth having."""
+
+
+@dataclass(frozen=True, eq=False)
+class Structure:
+    """Prolongations and patterns of every level, from the weights alone: pins come later, as masks."""
+
+    prolongations: tuple[Prolongation, ...]
+    patterns: tuple[GalerkinPattern, ...]
+    sizes: tuple[int, ...]
+    entries: tuple[int, ...]
+
+    @property
+    def complexity(self) -> float:
+        """Entries of all matrices over those of the finest, diagonals included."""
+        return (sum(self.sizes) + sum(self.entries)) / max(self.sizes[0] + self.entries[0], 1)
+
+    def __repr__(self) -> str:
+        levels = " -> ".join(str(size) for size in self.sizes)
+        return f"Structure({len(self.sizes)} levels: {levels}; operator complexity {self.complexity:.2f})"
+
+
+@dataclass(frozen=True, eq=False)
+class Hierarchy:
+    """The matrices of every level for one set of pins, and the dense inverse of the coarsest."""
+
+    structure: Structure
+    levels: tuple[LaplacianRows, ...]
+    inverse: wp.array[wp.float32]
+    """(k, k) over the coarsest nodes that move, constants of floating components projected away."""
+    moving: wp.array[wp.int32]
+    """The coarsest nodes that move, (k,)."""
+
+    def __repr__(self) -> str:
+        return f"Hierarchy({self.structure!r}, coarsest {self.moving.shape[0]} by a dense inverse)"
+
+
+_KNOWN: WeakKeyDictionary[Graph, Structure] = WeakKeyDictionary()
+
+
+def structure(graph: Graph) -> Structure:
+    """The structure of a graph with its mu, made once for as long as the graph lives."""
+    if graph not in _KNOWN:
+        fine = LaplacianRows.of(System.of(graph, np.zeros(graph.node_count, dtype=bool)), FLOAT32)
+        made = _coarsened(fine, THRESHOLDS[0])
+        if made.complexity > COMPLEXITY_LIMIT:
+            made = min(made, _coarsened(fine, THRESHOLDS[1]), key=lambda s: s.complexity)
+        _KNOWN[graph] = made
+    return _KNOWN[graph]
+
+
+def _coarsened(rows: LaplacianRows, threshold: float) -> Structure:
+    prolongations: list[Prolongation] = []
+    patterns: list[GalerkinPattern] = []
+    sizes, entries = [rows.inverse_diagonal.shape[0]], [rows.weight.shape[0]]
+    while sizes[-1] > COARSEST and entries[-1] > 0 and len(sizes) < LEVELS:
+        strong = strong_edges(rows, threshold)
+        numbers, count = aggregate(rows, strong)
+        if count == 0 or count > STALL * sizes[-1]:
+            break
+        p = smoothed_prolongation(rows, strong, numbers, count)
+        pattern = galerkin_pattern(rows, p)
+        rows = galerkin_values(rows, p, pattern)
+        prolongations.append(p)
+        patterns.append(pattern)
+        sizes.append(count)
+        entries.append(pattern.coarse.count)
+    return Structure(tuple(prolongations), tuple(patterns), tuple(sizes), tuple(entries))
+
+
+def hierarchy(system: System) -> Hierarchy:
+    """The matrices for the pins and attachments of `system`, on the structure of its graph."""
+    made = structure(system.graph)
+    levels = [LaplacianRows.of(system, FLOAT32)]
+    for p, pattern in zip(made.prolongations, made.patterns, strict=True):
+        levels.append(galerkin_values(levels[-1], p, pattern))
+    inverse, moving = _dense_inverse(levels[-1])
+    device = system.graph.device
+    return Hierarchy(
+        made,
+        tuple(levels),
+        wp.array(inverse.ravel(), dtype=wp.float32, device=device),
+        wp.array(moving, dtype=wp.int32, device=device),
+    )
+
+
+def _dense_inverse(rows: LaplacianRows) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """The pseudo-inverse of a small matrix over the nodes that move; too large a one gets its diagonal's."""
+    from scipy.sparse import csr_array
+    from scipy.sparse.csgraph import connected_components
+
+    inverse_diagonal = rows.inverse_diagonal.numpy()
+    moving = np.flatnonzero(inverse_diagonal > 0.0)
+    count = len(inverse_diagonal)
+    if len(moving) > 4 * COARSEST or not len(moving):
+        return np.zeros((0, 0)), np.zeros(0, dtype=np.int64)
+    weights = csr_array(
+        (rows.weight.numpy().astype(np.float64), rows.neighbours.numpy(), rows.offsets.numpy()), (count, count)
+    )
+    inside = weights[moving][:, moving].toarray()
+    attached = rows.attachment.numpy()[moving] if rows.attachment.shape[0] else np.zeros(len(moving))
+    matrix = np.diag(1.0 / inverse_diagonal[moving].astype(np.float64)) - (inside + inside.T) / 2.0
+    labels = connected_components(csr_array(inside), directed=False)[1]
+    for label in np.unique(labels):
+        members = np.flatnonzero(labels == label)
+        if not attached[members].any():
+            # Singular: the projector onto constants makes it regular and changes nothing that has mean zero.
+            block = np.ix_(members, members)
+            matrix[block] += matrix[members, members].mean() / len(members)
+    return np.linalg.inv(matrix), moving

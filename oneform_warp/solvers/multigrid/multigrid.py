@@ -1,0 +1,186 @@
+"""Conjugate gradients with a V-cycle of smoothed aggregation as the preconditioner."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from oneform_warp.graph import Graph
+from oneform_warp.segments import launch_chunks, launch_components
+from oneform_warp.solvers.batches import Batches
+from oneform_warp.solvers.cg import alpha_of_components, beta_of_components, product_and_dot
+from oneform_warp.solvers.multigrid.cycle import Cycle
+from oneform_warp.solvers.multigrid.hierarchy import hierarchy
+from oneform_warp.solvers.precision import in_both_precisions, precision_named
+from oneform_warp.solvers.refinement import Correction, State, Watch, refine
+from oneform_warp.solvers.rows import LaplacianRows, scaled_right_hand_side
+from oneform_warp.solvers.solution import Progress, Solution
+from oneform_warp.solvers.system import System
+from oneform_warp.solvers.validation import check_limits
+
+__all__ = ["Multigrid"]
+
+Scalar = wp.float32
+Vector = wp.vec3
+
+
+@in_both_precisions
+def _step(
+    chunk_offsets: wp.array[wp.int32],
+    # Graph:
+    chunk_component: wp.array[wp.int32],
+    # In:
+    alpha: wp.array[wp.vec3d],
+    p: wp.array[Vector],
+    q: wp.array[Vector],
+    # Out:
+    e_out: wp.array[wp.vec3d],
+    r_out: wp.array[Vector],
+    single_out: wp.array[wp.vec3],
+):
+    k, lane = wp.tid()
+    a = Vector(alpha[chunk_component[k]])
+    for i in range(chunk_offsets[k] + lane, chunk_offsets[k + 1], wp.block_dim()):
+        e_out[i] = e_out[i] + wp.cw_mul(wp.vec3d(a), wp.vec3d(p[i]))
+        r = r_out[i] - wp.cw_mul(a, q[i])
+        r_out[i] = r
+        single_out[i] = wp.vec3(r)
+
+
+@in_both_precisions
+def _dots(
+    chunk_offsets: wp.array[wp.int32],
+    # In:
+    r: wp.array[Vector],
+    z: wp.array[wp.vec3],
+    # Out:
+    rz_out: wp.array[wp.vec3d],
+    rr_out: wp.array[wp.vec3d],
+):
+    k, lane = wp.tid()
+    rz = wp.vec3d()
+    rr = wp.vec3d()
+    for i in range(chunk_offsets[k] + lane, chunk_offsets[k + 1], wp.block_dim()):
+        rz += wp.cw_mul(wp.vec3d(r[i]), wp.vec3d(z[i]))
+        rr += wp.vec3d(wp.cw_mul(r[i], r[i]))
+    wp.tile_store(rz_out, wp.tile_sum(wp.tile(rz, preserve_type=True)), offset=k)
+    wp.tile_store(rr_out, wp.tile_sum(wp.tile(rr, preserve_type=True)), offset=k)
+
+
+@in_both_precisions
+def _direction(
+    chunk_offsets: wp.array[wp.int32],
+    # Graph:
+    chunk_component: wp.array[wp.int32],
+    # In:
+    beta: wp.array[wp.vec3d],
+    z: wp.array[wp.vec3],
+    # Out:
+    p_out: wp.array[Vector],
+):
+    k, lane = wp.tid()
+    b = Vector(beta[chunk_component[k]])
+    for i in range(chunk_offsets[k] + lane, chunk_offsets[k + 1], wp.block_dim()):
+        p_out[i] = Vector(z[i]) + wp.cw_mul(b, p_out[i])
+
+
+class _Iteration:
+    """The vectors of one system, allocated once, and the launches of one iteration."""
+
+    def __init__(self, rows: LaplacianRows, cycle: Cycle) -> None:
+        self.rows, self.cycle = rows, cycle
+        self.floor = rows.precision.floor
+        self.r, self.p, self.q = (rows.vectors() for _ in range(3))
+        segments = rows.segments
+        # Adding up e in float32 would round it, and the residual of that rounding is far above the goal.
+        self.e = wp.zeros(self.r.shape[0], dtype=wp.vec3d, device=segments.device)
+        self.pq, self.rz, self.rr = (segments.partials() for _ in range(3))
+        self.alpha, self.beta, self.aim, self.rz_sum, self.rr_sum = (segments.zeros() for _ in range(5))
+        self.batches = Batches(self._iterate, segments.device)
+
+    def correct(
+        self, r: wp.array[wp.vec3d], norms: NDArray[np.float64], aim: NDArray[np.float64], budget: int, watch: Watch
+    ) -> Correction:
+        """See `refinement.Inner`."""
+        rows = self.rows
+        unit = scaled_right_hand_side(rows, r, norms, self.r)
+        self.aim.assign((aim / unit) ** 2)
+        for vector in (self.e, self.p, self.q, self.alpha, self.rz_sum):
+            vector.zero_()
+        # A step of length zero copies r for the cycle; beta is zero, since rz was: the first direction is z.
+        self._advance()
+        done = 0
+        while done < budget:
+            done += self.batches.run(1)
+            squares = self.rr_sum.numpy()
+            if watch(done, unit * np.sqrt(squares)) or not (squares > (aim / unit) ** 2).any():
+                break
+        return Correction(self.e, rows.scale * unit, done)
+
+    def _iterate(self) -> None:
+        rows, segments = self.rows, self.rows.segments
+        launch_chunks(product_and_dot(rows.precision), segments, [*rows.arguments(), self.p], [self.q, self.pq])
+        launch_components(alpha_of_components, segments, [self.pq, self.rz_sum, self.rr_sum, self.aim], [self.alpha])
+        self._advance()
+
+    def _advance(self) -> None:
+        segments, precision = self.rows.segments, self.rows.precision
+        launch_chunks(
+            _step(precision),
+            segments,
+            [segments.chunk_component, self.alpha, self.p, self.q],
+            [self.e, self.r, self.cycle.r[0]],
+        )
+        self.cycle.run()
+        z = self.cycle.x[0]
+        launch_chunks(_dots(precision), segments, [self.r, z], [self.rz, self.rr])
+        launch_components(beta_of_components, segments, [self.rz, self.rr], [self.rz_sum, self.rr_sum, self.beta])
+        launch_chunks(_direction(precision), segments, [segments.chunk_component, self.beta, z], [self.p])
+
+
+@dataclass(frozen=True)
+class Multigrid:
+    """CG preconditioned by smoothed aggregation: a dozen iterations at any size.
+
+    What is used again: the structure of the hierarchy (aggregates, prolongations, patterns) belongs to the graph and
+    its mu and is made once; other pins recompute the coarse matrices only; another v or start recomputes nothing.
+    tol, max_iterations, dtype: as for CG; the V-cycle itself is float32 in any case.
+    """
+
+    tol: float = 1.0e-6
+    max_iterations: int = 1_000
+    dtype: Any = "float32"
+
+    def __post_init__(self) -> None:
+        check_limits(self.tol, self.max_iterations)
+        precision_named(self.dtype)
+
+    def prepare(self, graph: Graph, pinned: NDArray[np.bool_], attachment: NDArray[np.float64] | None = None) -> State:
+        """The hierarchy for these pinned (n,) and attached (n,) nodes; serves any v and start."""
+        system = System.of(graph, pinned, attachment)
+        rows = LaplacianRows.of(system, precision_named(self.dtype))
+        return State(system, _Iteration(rows, Cycle(hierarchy(system))))
+
+    def solve(
+        self,
+        state: State,
+        v: wp.array[wp.vec3d],
+        start: wp.array[wp.vec3d],
+        *,
+        target: wp.array[wp.vec3d] | None = None,
+        progress: Progress | None = None,
+    ) -> Solution:
+        """From `start` (n,), which holds the pinned values, to the minimiser for v (m,); all per node."""
+        return refine(
+            state,
+            v,
+            wp.clone(start),
+            target=start if target is None else target,
+            tol=self.tol,
+            max_iterations=self.max_iterations,
+            progress=progress,
+        )
