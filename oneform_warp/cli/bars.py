@@ -39,6 +39,8 @@ def deform_bars(folder: Path, say: Callable[[str], None]) -> None:
             f"{path}: energy {solution.energy:.4g}, {solution.iterations} iterations, {solution.status.word}, "
             f"turned by {reached:.1f} of {angle} degrees about {axis}"
         )
+        for warning in solution.warnings:
+            say(f"  warning: {warning}")
         verb = "bent" if axis == "x" else "twisted"
         scene.append((f"{verb} by {angle}°", solution.x, mesh.faces))
     gallery = folder / "bar-gallery.png"

@@ -5,13 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from oneform_warp.cli.selections import box_text
 from oneform_warp.filters import MeshFile
 from oneform_warp.incidence import unique_edges
 from oneform_warp.polygons import as_polygons, polygon_edges
 from oneform_warp.weld import weld as weld_positions
 
-__all__ = ["Edges", "count_edges", "facts"]
+__all__ = ["Edges", "box_text", "count_edges", "facts"]
 
 FOR_CONDITIONS = {"normals": "nx ny nz", "colors": "r g b a", "quality": "q"}
 
@@ -81,6 +80,12 @@ def count_edges(x: NDArray[np.float64], groups: NDArray[np.int64], corners: NDAr
         components=int(count),
         largest=int(np.bincount(component).max()),
     )
+
+
+def box_text(points: NDArray[np.float64]) -> str:
+    """The bounding box of points (n, 3) in words."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    return ", ".join(f"{axis} {a:.6g} to {b:.6g}" for axis, a, b in zip("xyz", low, high, strict=True))
 
 
 def _faces_text(sizes: NDArray[np.int64]) -> str:

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oneform_warp import solvers
-from oneform_warp.cli.selections import box_text, select_vertices
+from oneform_warp.cli.mesh_facts import box_text
+from oneform_warp.cli.selections import select_vertices
 from oneform_warp.cli.settings import Settings, weld_length
 from oneform_warp.cli.specs import HandleSpec
 from oneform_warp.deformer import Deformation, Deformer

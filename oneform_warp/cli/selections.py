@@ -8,12 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oneform_warp.arrays import vertex_mask
+from oneform_warp.cli.mesh_facts import box_text
 from oneform_warp.cli.specs import HandleSpec, unknown_name
 from oneform_warp.conditions import select, vertex_variables
 from oneform_warp.errors import FileError, InputError
 from oneform_warp.filters import MeshFile
 
-__all__ = ["box_text", "select_vertices"]
+__all__ = ["select_vertices"]
 
 Mask = NDArray[np.bool_]
 
@@ -33,12 +34,6 @@ def select_vertices(spec: HandleSpec, mesh: MeshFile) -> Mask:
         extent = box_text(mesh.positions)
         raise InputError("no vertex is selected", where=f"handle {spec.name!r}", fix=f"the mesh has {extent}")
     return mask
-
-
-def box_text(points: NDArray[np.float64]) -> str:
-    """The bounding box of points (n, 3) in words."""
-    low, high = points.min(axis=0), points.max(axis=0)
-    return ", ".join(f"{axis} {a:.6g} to {b:.6g}" for axis, a, b in zip("xyz", low, high, strict=True))
 
 
 def _box(text: str, spec: HandleSpec, mesh: MeshFile) -> Mask:
