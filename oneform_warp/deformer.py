@@ -13,6 +13,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from oneform_warp.arrays import Rows, read_rows
+from oneform_warp.centroids import keep_centroids
 from oneform_warp.errors import InputError, NotConverged, OneFormWarning
 from oneform_warp.fields import Fields, NodeFields, Smoothing, node_fields
 from oneform_warp.forms import node_differential, node_transform
@@ -20,7 +21,6 @@ from oneform_warp.graph import Graph
 from oneform_warp.handles import Handle, held_nodes
 from oneform_warp.notes import bare_notes, field_notes, misfit_notes
 from oneform_warp.solvers import Progress, Solution, Solver, default_solver
-from oneform_warp.solvers.least_squares import keep_centroids
 from oneform_warp.solvers.rows import power_of_two
 from oneform_warp.starts import Problem, Start, read_start
 from oneform_warp.weights import Weights
@@ -168,7 +168,7 @@ class Deformer:
         state = self.solver.prepare(self.graph, held)
         clock.stop("prepare")
         solution = self.solver.solve(state, v, begin, progress=progress)
-        keep_centroids(state.system, solution.x, self._rest)
+        keep_centroids(self.graph, state.system.floating, solution.x, self._rest)
         self._previous = solution.x
         clock.stop("solve")
         notes = [

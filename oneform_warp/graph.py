@@ -168,6 +168,17 @@ class Graph:
         """Component c has the nodes component_offsets[c] to component_offsets[c + 1]."""
         return np.searchsorted(self.node_component, np.arange(self.component_count + 1))
 
+    @cached_property
+    def largest_weight(self) -> float:
+        """The largest mu, 0 without edges."""
+        return float(self.mu.numpy().max(initial=0.0))
+
+    @cached_property
+    def copies(self) -> wp.array[wp.float64]:
+        """How many vertices each node stands for, (n,)."""
+        counts = np.bincount(self.node_of, minlength=self.node_count)
+        return wp.array(counts, dtype=wp.float64, device=self.device)
+
     def __repr__(self) -> str:
         return (
             f"Graph({self.vertex_count} vertices, {self.node_count} nodes, {self.edge_count} edges, "

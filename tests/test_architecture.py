@@ -15,7 +15,7 @@ LAYERS = [
     ["arrays", "polygons", "weld", "incidence", "rotations", "segments", "conditions"],
     ["weights", "shapes"],
     ["graph"],
-    ["forms", "tree"],
+    ["forms", "tree", "centroids"],
     ["exactness", "solvers", "starts"],
     ["handles"],
     ["fields"],
@@ -65,7 +65,7 @@ def test_imports_run_one_way() -> None:
 
 def test_solvers_import_one_way() -> None:
     order = [
-        "precision", "solution", "validation", "batches", "system", "rows", "refinement", "jacobi", "cg", "multigrid",
+        "precision", "solution", "validation", "loop", "system", "rows", "refinement", "jacobi", "cg", "multigrid",
         "solver", "choice", "least_squares", "__init__",
     ]  # fmt: skip
     place = {name: number for number, name in enumerate(order)}

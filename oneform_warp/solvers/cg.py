@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from oneform_warp.graph import Graph
 from oneform_warp.segments import launch_chunks, launch_components, sum_of_chunks
-from oneform_warp.solvers.batches import Batches
+from oneform_warp.solvers.loop import Loop
 from oneform_warp.solvers.precision import in_both_precisions, precision_named
 from oneform_warp.solvers.refinement import Correction, State, Watch, refine
 from oneform_warp.solvers.rows import LaplacianRows, scaled_right_hand_side
@@ -190,7 +190,7 @@ class _Iteration:
         self.e = wp.zeros(self.r.shape[0], dtype=wp.vec3d, device=segments.device)
         self.pq, self.rz, self.rr = (segments.partials() for _ in range(3))
         self.alpha, self.beta, self.aim, self.rz_sum, self.rr_sum = (segments.zeros() for _ in range(5))
-        self.batches = Batches(self._iterate, segments.device)
+        self.loop = Loop(self._iterate, self.rr_sum, self.aim, batch=BATCH, device=segments.device)
 
     def correct(
         self,
@@ -198,7 +198,7 @@ class _Iteration:
         norms: NDArray[np.float64],
         aim: NDArray[np.float64],
         budget: int,
-        watch: Watch,
+        watch: Watch | None,
     ) -> Correction:
         """See `refinement.Inner`."""
         rows, segments = self.rows, self.rows.segments
@@ -211,13 +211,12 @@ class _Iteration:
             [self.e, self.p, self.rz, self.rr],
         )
         launch_components(beta_of_components, segments, [self.rz, self.rr], [self.rz_sum, self.rr_sum, self.beta])
-        done = 0
-        while done < budget:
-            done += self.batches.run(min(BATCH, budget - done))
-            squares = self.rr_sum.numpy()
-            if watch(done, unit * np.sqrt(squares)) or not (squares > (aim / unit) ** 2).any():
-                break
+        done = self.loop.run(budget, None if watch is None else lambda count: watch(count, self._norms(unit)))
         return Correction(self.e, rows.scale * unit, done)
+
+    def _norms(self, unit: float) -> NDArray[np.float64]:
+        norms: NDArray[np.float64] = unit * np.sqrt(self.rr_sum.numpy())
+        return norms
 
     def _iterate(self) -> None:
         rows, segments, precision = self.rows, self.rows.segments, self.rows.precision

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from oneform_warp.errors import InputError
 from oneform_warp.graph import Graph
 from oneform_warp.segments import launch_chunks, sum_chunks
-from oneform_warp.solvers.batches import Batches
+from oneform_warp.solvers.loop import Loop
 from oneform_warp.solvers.precision import in_both_precisions, precision_named
 from oneform_warp.solvers.refinement import Correction, State, Watch, refine
 from oneform_warp.solvers.rows import LaplacianRows, scaled_right_hand_side
@@ -81,7 +81,8 @@ class _Sweep:
         self.floor = rows.precision.floor
         self.b, self.e, self.r = (rows.vectors() for _ in range(3))
         self.rr, self.rr_sum = rows.segments.partials(), rows.segments.zeros()
-        self.batches = Batches(self._iterate, rows.segments.device)
+        self.aim = rows.segments.zeros()
+        self.loop = Loop(self._iterate, self.rr_sum, self.aim, batch=BATCH, device=rows.segments.device)
 
     def correct(
         self,
@@ -89,18 +90,18 @@ class _Sweep:
         norms: NDArray[np.float64],
         aim: NDArray[np.float64],
         budget: int,
-        watch: Watch,
+        watch: Watch | None,
     ) -> Correction:
         """See `refinement.Inner`."""
         unit = scaled_right_hand_side(self.rows, r, norms, self.b)
         self.e.zero_()
-        done = 0
-        while done < budget:
-            done += self.batches.run(min(BATCH, budget - done))
-            now = unit * np.sqrt(sum_chunks(self.rows.segments, self.rr, self.rr_sum).numpy())
-            if watch(done, now) or not (now > aim).any():
-                break
+        self.aim.assign((aim / unit) ** 2)
+        done = self.loop.run(budget, None if watch is None else lambda count: watch(count, self._norms(unit)))
         return Correction(self.e, self.rows.scale * unit, done)
+
+    def _norms(self, unit: float) -> NDArray[np.float64]:
+        norms: NDArray[np.float64] = unit * np.sqrt(self.rr_sum.numpy())
+        return norms
 
     def _iterate(self) -> None:
         rows, precision = self.rows, self.rows.precision
@@ -112,6 +113,7 @@ class _Sweep:
             outputs=[self.e],
             device=rows.segments.device,
         )
+        sum_chunks(rows.segments, self.rr, self.rr_sum)
 
 
 @dataclass(frozen=True)

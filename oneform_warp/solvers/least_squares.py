@@ -6,17 +6,16 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import warp as wp
 
 from oneform_warp.arrays import read_rows, to_device, vertex_mask
+from oneform_warp.centroids import keep_centroids
 from oneform_warp.errors import InputError
 from oneform_warp.graph import Graph
 from oneform_warp.solvers.choice import default_solver
 from oneform_warp.solvers.solution import Progress, Solution
 from oneform_warp.solvers.solver import Solver
-from oneform_warp.solvers.system import System
 
-__all__ = ["keep_centroids", "solve"]
+__all__ = ["solve"]
 
 
 def solve(
@@ -49,45 +48,10 @@ def solve(
     state = chosen.prepare(graph, pinned)
     x = graph.nodes_from(rows.data)
     solution = chosen.solve(state, to_device(form.data, graph.device), x, progress=progress)
-    keep_centroids(state.system, solution.x, x)
+    keep_centroids(graph, state.system.floating, solution.x, x)
     return replace(
         solution,
         x=form.like(graph.vertices_from(solution.x)),
         residual=solution.residual[:, : form.dimension],
         goal=solution.goal[:, : form.dimension],
     )
-
-
-@wp.kernel(enable_backward=False)
-def _shift(
-    # Graph:
-    component: wp.array[wp.int32],
-    # In:
-    shift: wp.array[wp.vec3d],
-    # Out:
-    x_out: wp.array[wp.vec3d],
-):
-    i = wp.tid()
-    x_out[i] = x_out[i] + shift[component[i]]
-
-
-def keep_centroids(system: System, x: wp.array[wp.vec3d], like: wp.array[wp.vec3d]) -> None:
-    """Moves each floating component of x, in place, so that the mean of its vertices is the one it has in `like`."""
-    graph, floating = system.graph, system.floating
-    if not floating.any():
-        return
-    copies = np.bincount(graph.node_of, minlength=graph.node_count)
-    count = np.bincount(graph.node_component, copies, graph.component_count)
-    move = like.numpy() - x.numpy()
-    shift = (
-        np.stack(
-            [np.bincount(graph.node_component, copies * column, graph.component_count) for column in move.T],
-            axis=1,
-        )
-        / count[:, None]
-    )
-    shift[: graph.solved_components][~floating] = 0.0
-    shift[graph.solved_components :] = 0.0
-    component = wp.array(graph.node_component.astype(np.int32), dtype=wp.int32, device=graph.device)
-    by = wp.array(shift, dtype=wp.vec3d, device=graph.device)
-    wp.launch(_shift, dim=graph.node_count, inputs=[component, by], outputs=[x], device=graph.device)

@@ -52,7 +52,7 @@ class Inner(Protocol):
         norms: NDArray[np.float64],
         aim: NDArray[np.float64],
         budget: int,
-        watch: Watch,
+        watch: Watch | None,
     ) -> Correction:
         """From |r| = norms down to `aim` per component and column, in at most `budget` iterations."""
 
@@ -118,10 +118,12 @@ def refine(
     log = _Log(goal, progress)
     log.restart(norms)
     previous = np.full_like(norms, np.inf)
+    # Looking costs nothing on a CPU; a GPU is left alone unless somebody wants to know.
+    watch = None if system.graph.device.is_cuda and progress is None else log.watch
     while (status := _judge(norms, previous, log, max_iterations)) is None:
         aim = np.maximum(SAFETY * goal, inner.floor * norms)
         before = wp.clone(x)
-        correction = inner.correct(r, norms, aim, max_iterations - log.iterations, log.watch)
+        correction = inner.correct(r, norms, aim, max_iterations - log.iterations, watch)
         add_correction(x, correction)
         log.iterations += correction.iterations
         previous, norms = norms, system.residual(x, v, target, r)

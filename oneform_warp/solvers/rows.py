@@ -70,8 +70,7 @@ class LaplacianRows:
         """The rows of `system`, made on its device."""
         graph, scalar = system.graph, precision.scalar
         count, device = graph.node_count, graph.device
-        largest = float(graph.mu.numpy().max(initial=0.0))
-        scale = 1.0 / power_of_two(largest)
+        scale = 1.0 / power_of_two(graph.largest_weight)
         weight = wp.empty(2 * graph.edge_count, dtype=scalar, device=device)
         attachment = wp.empty(system.attachment.shape[0], dtype=scalar, device=device)
         inverse = wp.empty(count, dtype=scalar, device=device)

@@ -48,7 +48,7 @@ class Solution:
     goal: NDArray[np.float64]
     """The residual at which a component's column is converged, same shape."""
     history: tuple[tuple[int, float], ...]
-    """(iterations so far, largest residual / goal) at every restart and every few iterations between."""
+    """(iterations so far, largest residual / goal) at every restart; on CPU, or watched, also between."""
 
     @property
     def converged(self) -> bool:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -121,26 +120,22 @@ class System:
     attachment: wp.array[wp.float64]
     """w_i >= 0, (n,), or empty for none."""
 
+    floating: NDArray[np.bool_]
+    """Components with edges that nothing pins or attaches: their minimiser is unique up to a constant."""
+
     @classmethod
     def of(cls, graph: Graph, pinned: NDArray[np.bool_], attachment: NDArray[np.float64] | None = None) -> System:
         """pinned: (n,) mask of nodes; attachment: (n,) w_i >= 0 or None."""
         weights = np.zeros(0) if attachment is None else attachment
+        held = pinned if attachment is None else pinned | (attachment > 0.0)
+        floating = np.ones(graph.component_count, dtype=bool)
+        floating[graph.node_component[held]] = False
         return cls(
             graph,
             wp.array(pinned.astype(np.int32), dtype=wp.int32, device=graph.device),
             wp.array(weights, dtype=wp.float64, device=graph.device),
+            floating[: graph.solved_components],
         )
-
-    @cached_property
-    def floating(self) -> NDArray[np.bool_]:
-        """Components with edges that nothing pins or attaches: their minimiser is unique up to a constant."""
-        graph = self.graph
-        held = self.pinned.numpy() != 0
-        if self.attachment.shape[0]:
-            held = held | (self.attachment.numpy() > 0.0)
-        hits = np.bincount(graph.node_component[held], minlength=graph.component_count)
-        free: NDArray[np.bool_] = hits[: graph.solved_components] == 0
-        return free
 
     def residual(
         self,

@@ -9,6 +9,7 @@ from typing import Any
 
 import warp as wp
 
+from oneform_warp.segments import LANES
 from oneform_warp.solvers.multigrid.hierarchy import Hierarchy
 from oneform_warp.solvers.multigrid.prolongation import Prolongation
 from oneform_warp.solvers.rows import LaplacianRows
@@ -177,12 +178,14 @@ def _dense_product(
     # Out:
     x_out: wp.array[wp.vec3],
 ):
-    k = wp.tid()
+    k, lane = wp.tid()
     size = moving.shape[0]
-    total = wp.vec3()
-    for n in range(size):
-        total += inverse[k * size + n] * r[moving[n]]
-    x_out[moving[k]] = total
+    part = wp.vec3()
+    for n in range(lane, size, wp.block_dim()):
+        part += inverse[k * size + n] * r[moving[n]]
+    total = wp.tile_extract(wp.tile_sum(wp.tile(part, preserve_type=True)), 0)
+    if lane == 0:
+        x_out[moving[k]] = total
 
 
 class Cycle:
@@ -223,7 +226,14 @@ class Cycle:
         moving = self.hierarchy.moving
         if moving.shape[0]:
             inputs = [self.hierarchy.inverse, moving, self.r[level]]
-            wp.launch(_dense_product, dim=moving.shape[0], inputs=inputs, outputs=[self.x[level]], device=self.device)
+            wp.launch_tiled(
+                _dense_product,
+                dim=[moving.shape[0]],
+                inputs=inputs,
+                outputs=[self.x[level]],
+                block_dim=LANES,
+                device=self.device,
+            )
             return
         self._launch(_smooth_from_zero, level, rows.arguments() + [self.r[level]], [self.x[level]])
 

@@ -19,7 +19,7 @@ from oneform_warp.solvers.system import System
 
 __all__ = ["Hierarchy", "Structure", "hierarchy", "structure"]
 
-COARSEST = 400
+COARSEST = 600
 """At this many unknowns a dense inverse takes over."""
 
 LEVELS = 20

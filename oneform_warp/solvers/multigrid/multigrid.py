@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from oneform_warp.graph import Graph
 from oneform_warp.segments import launch_chunks, launch_components
-from oneform_warp.solvers.batches import Batches
 from oneform_warp.solvers.cg import alpha_of_components, beta_of_components, product_and_dot
+from oneform_warp.solvers.loop import Loop
 from oneform_warp.solvers.multigrid.cycle import Cycle
 from oneform_warp.solvers.multigrid.hierarchy import hierarchy
 from oneform_warp.solvers.precision import in_both_precisions, precision_named
@@ -100,10 +100,15 @@ class _Iteration:
         self.e = wp.zeros(self.r.shape[0], dtype=wp.vec3d, device=segments.device)
         self.pq, self.rz, self.rr = (segments.partials() for _ in range(3))
         self.alpha, self.beta, self.aim, self.rz_sum, self.rr_sum = (segments.zeros() for _ in range(5))
-        self.batches = Batches(self._iterate, segments.device)
+        self.loop = Loop(self._iterate, self.rr_sum, self.aim, batch=1, device=segments.device)
 
     def correct(
-        self, r: wp.array[wp.vec3d], norms: NDArray[np.float64], aim: NDArray[np.float64], budget: int, watch: Watch
+        self,
+        r: wp.array[wp.vec3d],
+        norms: NDArray[np.float64],
+        aim: NDArray[np.float64],
+        budget: int,
+        watch: Watch | None,
     ) -> Correction:
         """See `refinement.Inner`."""
         rows = self.rows
@@ -113,13 +118,12 @@ class _Iteration:
             vector.zero_()
         # A step of length zero copies r for the cycle; beta is zero, since rz was: the first direction is z.
         self._advance()
-        done = 0
-        while done < budget:
-            done += self.batches.run(1)
-            squares = self.rr_sum.numpy()
-            if watch(done, unit * np.sqrt(squares)) or not (squares > (aim / unit) ** 2).any():
-                break
+        done = self.loop.run(budget, None if watch is None else lambda count: watch(count, self._norms(unit)))
         return Correction(self.e, rows.scale * unit, done)
+
+    def _norms(self, unit: float) -> NDArray[np.float64]:
+        norms: NDArray[np.float64] = unit * np.sqrt(self.rr_sum.numpy())
+        return norms
 
     def _iterate(self) -> None:
         rows, segments = self.rows, self.rows.segments

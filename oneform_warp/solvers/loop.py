@@ -1,0 +1,116 @@
+"""Iterations until every column has arrived: recorded once and replayed, so that a launch costs next to nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import warp as wp
+
+from oneform_warp.segments import LANES
+
+__all__ = ["Loop"]
+
+
+@wp.kernel(enable_backward=False)
+def _look(
+    # In:
+    rr: wp.array[wp.vec3d],
+    aim: wp.array[wp.vec3d],
+    batch: int,
+    # Out:
+    left_out: wp.array[wp.int32],
+    active_out: wp.array[wp.int32],
+):
+    _block, lane = wp.tid()
+    waiting = int(0)
+    for c in range(lane, rr.shape[0], wp.block_dim()):
+        for d in range(3):
+            if rr[c][d] > aim[c][d]:
+                waiting = 1
+    total = wp.tile_extract(wp.tile_sum(wp.tile(waiting)), 0)
+    if lane == 0:
+        left = left_out[0] - batch
+        left_out[0] = left
+        active_out[0] = wp.where(total > 0 and left >= batch, 1, 0)
+
+
+class Loop:
+    """Runs `iterate` until the squared residuals `rr` are at most `aim`, per component and column.
+
+    Nothing in `iterate` may read device memory from the host: not while it is recorded, nor does it otherwise.
+    """
+
+    def __init__(
+        self, iterate: Callable[[], None], rr: wp.array[wp.vec3d], aim: wp.array[wp.vec3d], *, batch: int, device: Any
+    ) -> None:
+        """batch: iterations between two looks at the residual."""
+        self.iterate, self.rr, self.aim, self.batch, self.device = iterate, rr, aim, batch, device
+        self.left, self.active = (wp.zeros(1, dtype=wp.int32, device=device) for _ in range(2))
+        self.warm = False
+        self.one_batch: Any = None
+        self.until_done: Any = None
+
+    def run(self, budget: int, watch: Callable[[int], bool] | None) -> int:
+        """At most `budget` iterations -> how many were made. watch(count) after every batch; true asks to stop.
+
+        Where nobody watches, a GPU decides by itself when to stop and the host waits once.
+        """
+        done, stopped = 0, False
+        if self.warm and self.device.is_cuda and watch is None:
+            done = self._until_done(budget)
+        while done < budget and not stopped and (done == 0 or self._waiting()):
+            done += self._some(min(self.batch, budget - done))
+            stopped = watch is not None and watch(done)
+        return done
+
+    def _waiting(self) -> bool:
+        return bool((self.rr.numpy() > self.aim.numpy()).any())
+
+    def _some(self, count: int) -> int:
+        """One batch by replay, or fewer iterations one by one; so is the first batch, which loads the modules."""
+        if count == self.batch and self.warm:
+            if self.one_batch is None:
+                with wp.ScopedCapture(device=self.device) as capture:
+                    self._iterations()
+                self.one_batch = capture.graph
+            wp.capture_launch(self.one_batch)
+            return count
+        for _ in range(count):
+            self.iterate()
+        self.warm = True
+        return count
+
+    def _until_done(self, budget: int) -> int:
+        """Whole batches until nothing waits, decided on the GPU."""
+        whole = budget - budget % self.batch
+        if whole == 0:
+            return 0
+        if self.until_done is None:
+            self._look()
+            with wp.ScopedCapture(device=self.device) as capture:
+                wp.capture_while(self.active, self._iterations_and_look)
+            self.until_done = capture.graph
+        # The first look takes a batch from the budget without running it.
+        self.left.fill_(whole + self.batch)
+        self._look()
+        wp.capture_launch(self.until_done)
+        return whole - int(self.left.numpy()[0])
+
+    def _iterations(self) -> None:
+        for _ in range(self.batch):
+            self.iterate()
+
+    def _iterations_and_look(self) -> None:
+        self._iterations()
+        self._look()
+
+    def _look(self) -> None:
+        wp.launch_tiled(
+            _look,
+            dim=[1],
+            inputs=[self.rr, self.aim, self.batch],
+            outputs=[self.left, self.active],
+            block_dim=LANES,
+            device=self.device,
+        )
