@@ -20,7 +20,7 @@ from oneform_warp.forms import node_differential, node_transform
 from oneform_warp.graph import Graph
 from oneform_warp.handles import Handle, held_nodes
 from oneform_warp.notes import bare_notes, field_notes, misfit_notes
-from oneform_warp.solvers import Progress, Solution, Solver, default_solver
+from oneform_warp.solvers import Progress, Solution, Solver, States, default_solver
 from oneform_warp.solvers.rows import power_of_two
 from oneform_warp.starts import Problem, Start, read_start
 from oneform_warp.weights import Weights
@@ -57,6 +57,8 @@ class Deformation(Solution):
 class Deformer:
     """A mesh or graph at rest, ready to be deformed again and again.
 
+    Graph and weights are made once; a new set of handle vertices prepares the solver, new rotations prepare nothing.
+
     x: rest positions (V, D), any unit, NumPy or Warp. faces: (F, k) array, list of polygons, (indices, offsets), or a
     Graph. weights, weld, extra_edges, device: see `Graph.from_faces`. solver: default by size, see
     `solvers.default_solver`.
@@ -76,7 +78,8 @@ class Deformer:
     ) -> None:
         rows = read_rows(x, None, "x")
         where = rows.device if device is None and rows.device is not None else device
-        self.weights = weights
+        # A graph comes with its own weights, which another rest pose then keeps.
+        self.weights: Weights = None if isinstance(faces, Graph) else weights
         if isinstance(faces, Graph):
             self.graph = faces
         else:
@@ -116,6 +119,7 @@ class Deformer:
         self._centre = low / 2.0 + high / 2.0 if len(rows.data) else np.zeros(3)
         self._rest = self.graph.nodes_from(self._inside(rows.data))
         self._previous: wp.array[wp.vec3d] | None = None
+        self._states = States(self.solver, self.graph)
 
     def _inside(self, data: NDArray[np.float64]) -> NDArray[np.float64]:
         inside: NDArray[np.float64] = (data - self._centre) / self._scale
@@ -165,7 +169,7 @@ class Deformer:
         clock.stop("1-form")
         begin = self._pinned(make_start(Problem(self.graph, self._rest, v, self._previous)), held)
         clock.stop("start")
-        state = self.solver.prepare(self.graph, held)
+        state = self._states.of(held)
         clock.stop("prepare")
         solution = self.solver.solve(state, v, begin, progress=progress)
         keep_centroids(self.graph, state.system.floating, solution.x, self._rest)
@@ -188,7 +192,7 @@ class Deformer:
                 dimension=self.rows.dimension,
                 smoothing=scaled,
                 x=self._rest,
-                solver=self.solver,
+                states=self._states,
             )
         for number, handle in enumerate(handles):
             if not handle.held:

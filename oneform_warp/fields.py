@@ -15,7 +15,7 @@ from oneform_warp.errors import InputError
 from oneform_warp.forms import read_fields
 from oneform_warp.graph import Graph
 from oneform_warp.handles import Handle, Pins, rotation_pins, stretch_pins
-from oneform_warp.solvers import Jacobi, Solution, Solver, default_solver
+from oneform_warp.solvers import Jacobi, Solution, Solver, States, default_solver
 
 __all__ = ["JUMP_LIMIT", "Fields", "NodeFields", "Smoothing", "fast_edges", "smooth_fields"]
 
@@ -111,7 +111,7 @@ def vertex_areas(graph: Graph, x: wp.array[wp.vec3d]) -> NDArray[np.float64]:
 
 
 def spread(
-    graph: Graph, pins: Pins, smoothing: Smoothing, x: wp.array[wp.vec3d], solver: Solver
+    graph: Graph, pins: Pins, smoothing: Smoothing, x: wp.array[wp.vec3d], states: States
 ) -> tuple[wp.array[wp.vec3d], Solution | None]:
     """The smooth 0-form with the pinned values: min sum mu_ij |omega_j - omega_i|^2; components without pins get 0."""
     if not pins.values.any():
@@ -122,13 +122,13 @@ def spread(
         state = sweeper.prepare(graph, pins.mask)
         return sweeper.solve(state, no_form, to_device(pins.values, graph.device)).x, None
     if smoothing.length is not None:
-        state = solver.prepare(graph, pins.mask, vertex_areas(graph, x) / smoothing.length**2)
+        state = states.of(pins.mask, vertex_areas(graph, x) / smoothing.length**2)
         start, target = pins.values, wp.zeros(graph.node_count, dtype=wp.vec3d, device=graph.device)
     else:
         # Constant data then spread exactly: the mean is already the answer.
-        state = solver.prepare(graph, pins.mask)
+        state = states.of(pins.mask)
         start, target = np.where(pins.mask[:, None], pins.values, _component_means(graph, pins)), None
-    solution = solver.solve(state, no_form, to_device(start, graph.device), target=target)
+    solution = states.solver.solve(state, no_form, to_device(start, graph.device), target=target)
     return solution.x, solution
 
 
@@ -152,13 +152,13 @@ def node_fields(
     dimension: int,
     smoothing: Smoothing,
     x: wp.array[wp.vec3d],
-    solver: Solver,
+    states: States,
 ) -> NodeFields:
     """omega and sigma per node from handles; log sigma is what is smoothed, so that sigma stays positive."""
     turns = rotation_pins(graph, handles, dimension)
     stretches = stretch_pins(graph, handles)
-    omega, first = spread(graph, turns, smoothing, x, solver)
-    log_sigma, second = spread(graph, stretches, smoothing, x, solver)
+    omega, first = spread(graph, turns, smoothing, x, states)
+    log_sigma, second = spread(graph, stretches, smoothing, x, states)
     sigma = wp.empty(graph.node_count, dtype=wp.float64, device=graph.device)
     wp.launch(_exponential, dim=graph.node_count, inputs=[log_sigma], outputs=[sigma], device=graph.device)
     return NodeFields(omega, sigma, tuple(s for s in (first, second) if s is not None))
@@ -190,7 +190,7 @@ def smooth_fields(
         dimension=dimension,
         smoothing=smoothing,
         x=graph.nodes_from(data),
-        solver=default_solver(graph) if solver is None else solver,
+        states=States(default_solver(graph) if solver is None else solver, graph),
     )
     return nodes.per_vertex(graph, dimension)
 

@@ -66,7 +66,7 @@ def test_imports_run_one_way() -> None:
 def test_solvers_import_one_way() -> None:
     order = [
         "precision", "solution", "validation", "loop", "system", "rows", "refinement", "jacobi", "cg", "multigrid",
-        "solver", "choice", "least_squares", "__init__",
+        "solver", "states", "choice", "least_squares", "__init__",
     ]  # fmt: skip
     place = {name: number for number, name in enumerate(order)}
     for path in (ROOT / "solvers").rglob("*.py"):

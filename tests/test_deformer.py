@@ -122,6 +122,39 @@ def test_the_weld_of_the_first_rest_pose_is_kept() -> None:
     assert (y == opened).all()
 
 
+def test_another_rest_pose_measures_weights_anew_unless_the_graph_brought_its_own() -> None:
+    x, faces = ow.shapes.bar(segments=8)
+    wide = x * [3.0, 1.0, 1.0]
+    measured, given_ = ow.Deformer(x, faces), ow.Deformer(x, ow.Graph.from_faces(x, faces, weights="uniform"))
+    measured.rest_on(wide)
+    given_.rest_on(wide)
+    assert measured.graph.mu.numpy() == pytest.approx(ow.Graph.from_faces(wide, faces).mu.numpy())
+    assert (given_.graph.mu.numpy() == 1.0).all()
+
+
+class CountingCG(ow.CG):
+    """CG that knows how often it was prepared."""
+
+    prepared = 0
+
+    def prepare(self, *args: object, **options: object) -> object:
+        CountingCG.prepared += 1
+        return super().prepare(*args, **options)  # type: ignore[arg-type]
+
+
+def test_new_rotations_prepare_nothing() -> None:
+    x, faces = ow.shapes.bar()
+    deformer = ow.Deformer(x, faces, solver=CountingCG())
+    first = deformer.deform(bar_handles(x, 30.0))
+    prepared = CountingCG.prepared
+    assert prepared > 0
+    assert not (deformer.deform(bar_handles(x, 60.0)) == first).all()
+    assert (deformer.deform(bar_handles(x, 30.0)) == first).all()
+    assert CountingCG.prepared == prepared
+    deformer.deform([ow.Handle(x[:, 2] < 0.3, held=True), ow.Handle(x[:, 2] > 0.7, axis="z", angle=9)])
+    assert CountingCG.prepared > prepared
+
+
 def two_bars() -> tuple[np.ndarray, np.ndarray]:
     x, faces = ow.shapes.bar(segments=8)
     return np.concatenate([x, x + [5.0, 0.0, 0.0], [[9.0, 9.0, 9.0]]]), np.concatenate([faces, faces + len(x)])

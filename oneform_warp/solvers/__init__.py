@@ -11,6 +11,7 @@ from oneform_warp.solvers.multigrid import Multigrid
 from oneform_warp.solvers.refinement import State
 from oneform_warp.solvers.solution import Progress, Solution, Status
 from oneform_warp.solvers.solver import Solver
+from oneform_warp.solvers.states import States
 
 __all__ = [
     "CG",
@@ -20,6 +21,7 @@ __all__ = [
     "Solution",
     "Solver",
     "State",
+    "States",
     "Status",
     "default_solver",
     "solve",

@@ -9,7 +9,7 @@ import warp as wp
 
 from oneform_warp.segments import LANES
 
-__all__ = ["Loop"]
+__all__ = ["Loop", "Recording"]
 
 
 @wp.kernel(enable_backward=False)
@@ -35,6 +35,30 @@ def _look(
         active_out[0] = wp.where(total > 0 and left >= batch, 1, 0)
 
 
+class Recording:
+    """Launches that are made one by one the first time, which loads their modules, and replayed as a graph after that.
+
+    Nothing in them may read device memory from the host, allocate, or depend on values that change.
+    """
+
+    def __init__(self, launches: Callable[[], None], device: Any) -> None:
+        self.launches, self.device = launches, device
+        self.warm = False
+        self.graph: Any = None
+
+    def run(self) -> None:
+        """All launches, once."""
+        if self.warm and self.graph is None:
+            with wp.ScopedCapture(device=self.device) as capture:
+                self.launches()
+            self.graph = capture.graph
+        if self.graph is not None:
+            wp.capture_launch(self.graph)
+        else:
+            self.launches()
+        self.warm = True
+
+
 class Loop:
     """Runs `iterate` until the squared residuals `rr` are at most `aim`, per component and column.
 
@@ -47,8 +71,7 @@ class Loop:
         """batch: iterations between two looks at the residual."""
         self.iterate, self.rr, self.aim, self.batch, self.device = iterate, rr, aim, batch, device
         self.left, self.active = (wp.zeros(1, dtype=wp.int32, device=device) for _ in range(2))
-        self.warm = False
-        self.one_batch: Any = None
+        self.one_batch = Recording(self._iterations, device)
         self.until_done: Any = None
 
     def run(self, budget: int, watch: Callable[[int], bool] | None) -> int:
@@ -57,7 +80,7 @@ class Loop:
         Where nobody watches, a GPU decides by itself when to stop and the host waits once.
         """
         done, stopped = 0, False
-        if self.warm and self.device.is_cuda and watch is None:
+        if self.one_batch.warm and self.device.is_cuda and watch is None:
             done = self._until_done(budget)
         while done < budget and not stopped and (done == 0 or self._waiting()):
             done += self._some(min(self.batch, budget - done))
@@ -68,17 +91,12 @@ class Loop:
         return bool((self.rr.numpy() > self.aim.numpy()).any())
 
     def _some(self, count: int) -> int:
-        """One batch by replay, or fewer iterations one by one; so is the first batch, which loads the modules."""
-        if count == self.batch and self.warm:
-            if self.one_batch is None:
-                with wp.ScopedCapture(device=self.device) as capture:
-                    self._iterations()
-                self.one_batch = capture.graph
-            wp.capture_launch(self.one_batch)
-            return count
-        for _ in range(count):
-            self.iterate()
-        self.warm = True
+        """One batch, or fewer iterations one by one."""
+        if count == self.batch:
+            self.one_batch.run()
+        else:
+            for _ in range(count):
+                self.iterate()
         return count
 
     def _until_done(self, budget: int) -> int:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from oneform_warp.graph import Graph
 from oneform_warp.segments import launch_chunks, launch_components
 from oneform_warp.solvers.cg import alpha_of_components, beta_of_components, product_and_dot
-from oneform_warp.solvers.loop import Loop
+from oneform_warp.solvers.loop import Loop, Recording
 from oneform_warp.solvers.multigrid.cycle import Cycle
 from oneform_warp.solvers.multigrid.hierarchy import hierarchy
 from oneform_warp.solvers.precision import in_both_precisions, precision_named
@@ -100,6 +100,7 @@ class _Iteration:
         self.e = wp.zeros(self.r.shape[0], dtype=wp.vec3d, device=segments.device)
         self.pq, self.rz, self.rr = (segments.partials() for _ in range(3))
         self.alpha, self.beta, self.aim, self.rz_sum, self.rr_sum = (segments.zeros() for _ in range(5))
+        self.begin = Recording(self._begin, segments.device)
         self.loop = Loop(self._iterate, self.rr_sum, self.aim, batch=1, device=segments.device)
 
     def correct(
@@ -114,16 +115,19 @@ class _Iteration:
         rows = self.rows
         unit = scaled_right_hand_side(rows, r, norms, self.r)
         self.aim.assign((aim / unit) ** 2)
-        for vector in (self.e, self.p, self.q, self.alpha, self.rz_sum):
-            vector.zero_()
-        # A step of length zero copies r for the cycle; beta is zero, since rz was: the first direction is z.
-        self._advance()
+        self.begin.run()
         done = self.loop.run(budget, None if watch is None else lambda count: watch(count, self._norms(unit)))
         return Correction(self.e, rows.scale * unit, done)
 
     def _norms(self, unit: float) -> NDArray[np.float64]:
         norms: NDArray[np.float64] = unit * np.sqrt(self.rr_sum.numpy())
         return norms
+
+    def _begin(self) -> None:
+        for vector in (self.e, self.p, self.q, self.alpha, self.rz_sum):
+            vector.zero_()
+        # A step of length zero copies r for the cycle; beta is zero, since rz was: the first direction is z.
+        self._advance()
 
     def _iterate(self) -> None:
         rows, segments = self.rows, self.rows.segments
