@@ -92,8 +92,13 @@ class Deformer:
                 extra_weight=extra_weight,
                 device=where,
             )
-        self.solver: Solver = default_solver(self.graph) if solver is None else solver
+        self._solver: Solver = default_solver(self.graph) if solver is None else solver
         self._rest_on(rows)
+
+    @property
+    def solver(self) -> Solver:
+        """What solves for the fields and the positions."""
+        return self._solver
 
     def rest_on(self, x: Any) -> None:
         """Takes another rest pose of the same mesh: the weld and the edges stay, weights by kind are measured anew."""
@@ -119,7 +124,7 @@ class Deformer:
         self._centre = low / 2.0 + high / 2.0 if len(rows.data) else np.zeros(3)
         self._rest = self.graph.nodes_from(self._inside(rows.data))
         self._previous: wp.array[wp.vec3d] | None = None
-        self._states = States(self.solver, self.graph)
+        self._states = States(self._solver, self.graph)
 
     def _inside(self, data: NDArray[np.float64]) -> NDArray[np.float64]:
         inside: NDArray[np.float64] = (data - self._centre) / self._scale
@@ -171,7 +176,7 @@ class Deformer:
         clock.stop("start")
         state = self._states.of(held)
         clock.stop("prepare")
-        solution = self.solver.solve(state, v, begin, progress=progress)
+        solution = self._solver.solve(state, v, begin, progress=progress)
         keep_centroids(self.graph, state.system.floating, solution.x, self._rest)
         self._previous = solution.x
         clock.stop("solve")

@@ -18,6 +18,7 @@ from oneform_warp.errors import FileError
 from oneform_warp.fields import Smoothing
 from oneform_warp.filters import MeshFile
 from oneform_warp.filters.meshfile import WRITABLE
+from oneform_warp.graph import Graph
 from oneform_warp.handles import Handle, rotation_pins, stretch_pins
 from oneform_warp.solvers import Progress
 
@@ -62,24 +63,26 @@ def make_plan(mesh: MeshFile, specs: Sequence[HandleSpec], settings: Settings, o
         _check_format(mesh, out)
     Smoothing(settings.sweeps, settings.length)
     handles = [Handle(select_vertices(spec, mesh), **{**spec.options, "name": spec.name}) for spec in specs]
-    deformer = Deformer(
+    graph = Graph.from_faces(
         mesh.positions,
         mesh.faces,
         weights=settings.weights,
         weld=weld_length(settings.weld),
         device=settings.device,
     )
-    deformer.solver = _solver(settings, deformer.solver)
+    deformer = Deformer(mesh.positions, graph, solver=_solver(settings, graph))
     # For their checks alone: handles must not contradict each other, and a dry run solves nothing.
-    rotation_pins(deformer.graph, handles, 3)
-    stretch_pins(deformer.graph, handles)
+    rotation_pins(graph, handles, 3)
+    stretch_pins(graph, handles)
     return Plan(mesh, specs, handles, deformer, settings)
 
 
-def _solver(settings: Settings, default: Any) -> Any:
+def _solver(settings: Settings, graph: Graph) -> Any:
     """The named solver, or the one that the library takes for this mesh, with the options that are given."""
     names = {"cg": "CG", "jacobi": "Jacobi", "multigrid": "Multigrid"}
-    base = default if settings.solver == "auto" else getattr(solvers, names[settings.solver])()
+    base: Any = (
+        solvers.default_solver(graph) if settings.solver == "auto" else getattr(solvers, names[settings.solver])()
+    )
     return replace(base, **settings.solver_options)
 
 
