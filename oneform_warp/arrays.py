@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from oneform_warp.errors import InputError
 
-__all__ = ["Rows", "read_rows", "to_device", "vertex_mask"]
+__all__ = ["Rows", "read_pairs", "read_rows", "to_device", "vertex_mask"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,3 +111,19 @@ def vertex_mask(vertices: Any, vertex_count: int, where: str = "fixed") -> NDArr
         )
     mask[chosen.astype(np.int64)] = True
     return mask
+
+
+def read_pairs(edges: Any, vertex_count: int, name: str) -> NDArray[np.int64]:
+    """Checked vertex pairs (k, 2); None is none."""
+    array = np.zeros((0, 2), dtype=np.int64) if edges is None else np.asarray(edges)
+    if array.ndim != 2 or array.shape[1] != 2 or (array.size and array.dtype.kind not in "iu"):
+        raise InputError(f"an array of shape {array.shape}", where=name, fix="give (k, 2) vertex numbers")
+    wrong = ((array < 0) | (array >= vertex_count)).any(axis=1)
+    if wrong.any():
+        row = int(np.argmax(wrong))
+        raise InputError(
+            f"edge {row} is {array[row].tolist()}, the graph has {vertex_count} vertices",
+            where=name,
+            fix=f"use vertex numbers from 0 to {vertex_count - 1}",
+        )
+    return array.astype(np.int64)

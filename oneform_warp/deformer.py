@@ -103,7 +103,7 @@ class Deformer:
     def rest_on(self, x: Any) -> None:
         """Takes another rest pose of the same mesh: the weld and the edges stay, weights by kind are measured anew."""
         rows = read_rows(x, self.graph.vertex_count, "x")
-        if self.graph.polygons is not None and isinstance(self.weights, str):
+        if self.graph.faces is not None and isinstance(self.weights, str):
             self.graph = self.graph.with_weights(self.weights, rows.data)
         self._rest_on(rows)
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from oneform_warp.errors import InputError
 
-__all__ = ["Faces", "Polygons", "as_polygons", "fan_corners", "polygon_edges"]
+__all__ = ["Faces", "Polygons", "as_polygons"]
 
 Faces = Any
 """(F, k) integer array, a list of polygons, or the pair (indices, offsets)."""
@@ -38,29 +38,6 @@ def as_polygons(faces: Faces, vertex_count: int) -> Polygons:
         polygons = _from_list(faces)
     _check_range(polygons, vertex_count)
     return polygons
-
-
-def polygon_edges(polygons: Polygons) -> NDArray[np.int64]:
-    """The polygons' own edges, one per corner (corner, next corner), shape (corners, 2); not yet unique."""
-    indices, offsets = polygons
-    following = np.arange(1, len(indices) + 1, dtype=np.int64)
-    sizes = np.diff(offsets)
-    nonempty = sizes > 0
-    following[offsets[1:][nonempty] - 1] = offsets[:-1][nonempty]
-    return np.stack([indices, indices[following]], axis=1)
-
-
-def fan_corners(polygons: Polygons) -> NDArray[np.int64]:
-    """Triangles of the fan around each polygon's first corner, (T, 3) corner numbers (positions in indices).
-
-    Polygons below 3 corners give none.
-    """
-    offsets = polygons.offsets
-    triangles_of = np.maximum(np.diff(offsets) - 2, 0)
-    first = np.repeat(offsets[:-1], triangles_of)
-    start = np.repeat(np.cumsum(triangles_of) - triangles_of, triangles_of)
-    step = np.arange(int(triangles_of.sum()), dtype=np.int64) - start
-    return np.stack([first, first + step + 1, first + step + 2], axis=1)
 
 
 def _integers(values: Any) -> NDArray[np.int64]:

@@ -44,7 +44,7 @@ class SpanningTree:
     def roots(self) -> NDArray[np.int64]:
         """The root of each component, as a vertex number, (C,)."""
         nodes = np.flatnonzero(self.parent.numpy() < 0)
-        return self.graph.vertex_at[nodes]
+        return self.graph.vertex_at[nodes].astype(np.int64)
 
     def __repr__(self) -> str:
         return f"SpanningTree({len(self.edges)} edges, depth {int(self.depth.max(initial=0))})"

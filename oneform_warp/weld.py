@@ -2,39 +2,123 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
+import warp as wp
 from numpy.typing import NDArray
 
 from oneform_warp.errors import InputError
+from oneform_warp.sorting import iota, scan, sort_by_key
 
-__all__ = ["weld"]
+__all__ = ["Groups", "weld"]
 
 
-def weld(x: NDArray[np.float64], tolerance: float | None = 0.0) -> NDArray[np.int64]:
-    """The group of each vertex, numbered by first appearance: equal groups are to be one node.
+@dataclass(frozen=True, eq=False)
+class Groups:
+    """Vertices that are to be one node."""
 
-    x: positions, shape (V, 3). tolerance: 0.0 joins exactly equal positions; > 0 joins, transitively, positions
-    closer than this length; None joins nothing.
+    of_vertex: wp.array[wp.int32]
+    """The group of each vertex, (V,)."""
+    first: wp.array[wp.int32]
+    """The first vertex of each group, (G,)."""
+
+
+def weld(x: wp.array[wp.vec3d], tolerance: float | None = 0.0) -> Groups:
+    """The group of each vertex, on the device of x.
+
+    x: positions, (V,). tolerance: 0.0 joins exactly equal positions; > 0 joins, transitively, positions closer than
+    this length; None joins nothing.
     """
     if tolerance is None:
-        return np.arange(len(x), dtype=np.int64)
+        return Groups(iota(x.shape[0], x.device), iota(x.shape[0], x.device))
     if not np.isfinite(tolerance) or tolerance < 0.0:
         raise InputError(
-            f"the weld tolerance is {tolerance}",
-            where="weld",
-            fix="give a length >= 0, or None to weld nothing",
+            f"the weld tolerance is {tolerance}", where="weld", fix="give a length >= 0, or None to weld nothing"
         )
-    groups = _by_distance(x, tolerance) if tolerance > 0.0 else _by_equality(x)
-    return _by_first_appearance(groups)
+    if tolerance > 0.0:
+        return _from_labels(_by_distance(x.numpy(), tolerance), x.device)
+    return _by_equality(x)
 
 
-def _by_equality(x: NDArray[np.float64]) -> NDArray[np.int64]:
-    order = np.lexsort(x.T)
-    ordered = x[order]
-    differs = np.any(ordered[1:] != ordered[:-1], axis=1)
-    groups = np.zeros(len(x), dtype=np.int64)
-    groups[order[1:]] = np.cumsum(differs)
-    return groups
+@wp.func
+def _mixed(h: wp.uint64, value: wp.float64) -> wp.uint64:
+    # Adding zero makes one place of 0.0 and -0.0.
+    bits = wp.cast(value + wp.float64(0.0), wp.uint64)
+    h = (h ^ bits) * wp.uint64(0x9E3779B97F4A7C15)
+    return h ^ (h >> wp.uint64(29))
+
+
+@wp.kernel(enable_backward=False)
+def _hashes(
+    # In:
+    x: wp.array[wp.vec3d],
+    # Out:
+    key_out: wp.array[wp.int64],
+):
+    i = wp.tid()
+    h = _mixed(_mixed(_mixed(wp.uint64(1), x[i][0]), x[i][1]), x[i][2])
+    key_out[i] = wp.int64(h >> wp.uint64(1))
+
+
+@wp.kernel(enable_backward=False)
+def _distinct(
+    # In:
+    x: wp.array[wp.vec3d],
+    key: wp.array[wp.int64],
+    place: wp.array[wp.int32],
+    # Out:
+    start_out: wp.array[wp.int32],
+    collision_out: wp.array[wp.int32],
+):
+    k = wp.tid()
+    start = int(1)
+    if k > 0:
+        if x[place[k]] == x[place[k - 1]]:
+            start = 0
+        elif key[k] == key[k - 1]:
+            collision_out[0] = 1
+    start_out[k] = start
+
+
+@wp.kernel(enable_backward=False)
+def _spread(
+    # In:
+    place: wp.array[wp.int32],
+    start: wp.array[wp.int32],
+    offset: wp.array[wp.int32],
+    # Out:
+    group_out: wp.array[wp.int32],
+    first_out: wp.array[wp.int32],
+):
+    k = wp.tid()
+    group = offset[k] + start[k] - 1
+    group_out[place[k]] = group
+    if start[k] == 1:
+        first_out[group] = place[k]
+
+
+def _by_equality(x: wp.array[wp.vec3d]) -> Groups:
+    """Sort by a hash and compare neighbours; where hashes collide, which no mesh has, sort by the coordinates."""
+    count, device = x.shape[0], x.device
+    key = wp.empty(count, dtype=wp.int64, device=device)
+    wp.launch(_hashes, dim=count, inputs=[x], outputs=[key], device=device)
+    key, place = sort_by_key(key)
+    start = wp.zeros(count + 1, dtype=wp.int32, device=device)
+    collision = wp.zeros(1, dtype=wp.int32, device=device)
+    wp.launch(_distinct, dim=count, inputs=[x, key, place], outputs=[start, collision], device=device)
+    if collision.numpy()[0]:
+        return _from_labels(np.unique(x.numpy() + 0.0, axis=0, return_inverse=True)[1].ravel(), device)
+    return _grouped(place, start)
+
+
+def _grouped(place: wp.array[wp.int32], start: wp.array[wp.int32]) -> Groups:
+    """Groups from vertices in an order where equal ones stand together, and where each group starts."""
+    count, device = place.shape[0], place.device
+    offset, total = scan(start)
+    group, first = wp.empty(count, dtype=wp.int32, device=device), wp.empty(total, dtype=wp.int32, device=device)
+    wp.launch(_spread, dim=count, inputs=[place, start, offset], outputs=[group, first], device=device)
+    return Groups(group, first)
 
 
 def _by_distance(x: NDArray[np.float64], tolerance: float) -> NDArray[np.int64]:
@@ -44,12 +128,13 @@ def _by_distance(x: NDArray[np.float64], tolerance: float) -> NDArray[np.int64]:
 
     pairs = cKDTree(x).query_pairs(tolerance, output_type="ndarray")
     near = coo_array((np.ones(len(pairs), dtype=np.int8), (pairs[:, 0], pairs[:, 1])), shape=(len(x), len(x)))
-    groups: NDArray[np.int64] = connected_components(near, directed=False)[1].astype(np.int64)
-    return groups
+    labels: NDArray[np.int64] = connected_components(near, directed=False)[1].astype(np.int64)
+    return labels
 
 
-def _by_first_appearance(groups: NDArray[np.int64]) -> NDArray[np.int64]:
-    _, first, inverse = np.unique(groups, return_index=True, return_inverse=True)
-    rank = np.empty(len(first), dtype=np.int64)
-    rank[np.argsort(first, kind="stable")] = np.arange(len(first))
-    return rank[inverse]
+def _from_labels(labels: NDArray[np.int64], device: wp.Device) -> Groups:
+    first = np.unique(labels, return_index=True)[1]
+    return Groups(
+        wp.array(labels.astype(np.int32), dtype=wp.int32, device=device),
+        wp.array(first.astype(np.int32), dtype=wp.int32, device=device),
+    )

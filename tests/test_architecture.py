@@ -12,8 +12,10 @@ ROOT = Path(oneform_warp.__file__).parent
 # The picture of ARCHITECTURE.md as layers: a module imports from layers above its own only (solvers and cli are folders).
 LAYERS = [
     ["errors"],
-    ["arrays", "polygons", "weld", "incidence", "rotations", "segments", "conditions"],
-    ["weights", "shapes"],
+    ["arrays", "polygons", "sorting", "rotations", "segments", "conditions"],
+    ["weld", "incidence", "weights", "shapes"],
+    ["order"],
+    ["assembly"],
     ["graph"],
     ["forms", "tree", "centroids"],
     ["exactness", "solvers", "starts"],
@@ -27,7 +29,7 @@ LAYERS = [
 ]
 LAYER = {name: number for number, names in enumerate(LAYERS) for name in names}
 # Side by side in one layer, and still one way.
-WITHIN = {("weights", "polygons"), ("starts", "tree"), ("exactness", "tree"), ("preview_polyscope", "preview")}
+WITHIN = {("starts", "tree"), ("exactness", "tree"), ("preview_polyscope", "preview")}
 
 
 def imported(path: Path) -> set[str]:

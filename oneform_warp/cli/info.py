@@ -7,6 +7,7 @@ import click
 
 from oneform_warp.cli.options import FILE, Weld
 from oneform_warp.cli.settings import CHOICES, weld_length
+from oneform_warp.cli.terminal import start_warp
 
 __all__ = ["command"]
 
@@ -21,8 +22,11 @@ def command(source: Path, weld: str, backend: Literal["auto", "pymeshlab", "trim
     Faces, components, boundaries, duplicates, groups and more. Edges and components
     are those of the welded mesh, which deform works on.
     """
-    from oneform_warp.cli.mesh_facts import facts
     from oneform_warp.filters import read_mesh
 
-    for label, value in facts(read_mesh(source, backend=backend), weld_length(weld)):
+    mesh = read_mesh(source, backend=backend)
+    start_warp()
+    from oneform_warp.cli.mesh_facts import facts
+
+    for label, value in facts(mesh, weld_length(weld)):
         click.echo(f"{label:<20} {value}")

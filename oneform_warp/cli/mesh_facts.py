@@ -6,9 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oneform_warp.filters import MeshFile
-from oneform_warp.incidence import unique_edges
-from oneform_warp.polygons import as_polygons, polygon_edges
-from oneform_warp.weld import weld as weld_positions
+from oneform_warp.graph import Graph
+from oneform_warp.polygons import as_polygons
 
 __all__ = ["Edges", "box_text", "count_edges", "facts"]
 
@@ -31,9 +30,8 @@ class Edges:
 def facts(mesh: MeshFile, weld: float | None) -> list[tuple[str, str]]:
     """Labels and values to print, for a mesh welded as `deform` would."""
     polygons = as_polygons(mesh.faces, len(mesh.positions))
-    groups = weld_positions(mesh.positions, weld)
-    corners = polygon_edges(polygons)
-    edges = count_edges(mesh.positions, groups, corners)
+    graph = Graph.from_faces(mesh.positions, mesh.faces, weights="uniform", weld=weld, device="cpu")
+    edges = count_edges(mesh, graph)
     vertices = len(mesh.positions)
     used = np.bincount(polygons.indices, minlength=vertices)
     attributes = [f"{name} ({words})" for name, words in FOR_CONDITIONS.items() if getattr(mesh, name) is not None]
@@ -44,7 +42,7 @@ def facts(mesh: MeshFile, weld: float | None) -> list[tuple[str, str]]:
         ("vertices", f"{vertices:,}"),
         ("faces", _faces_text(np.diff(polygons.offsets))),
         ("box", box_text(mesh.positions)),
-        ("duplicate positions", f"{vertices - int(groups.max()) - 1:,}"),
+        ("duplicate positions", f"{vertices - graph.node_count:,}"),
         ("isolated vertices", f"{np.count_nonzero(used == 0):,}"),
         ("edges", f"{edges.edges:,}"),
         ("components", f"{edges.components:,} (the largest has {edges.largest:,} vertices)"),
@@ -56,29 +54,21 @@ def facts(mesh: MeshFile, weld: float | None) -> list[tuple[str, str]]:
     ]
 
 
-def count_edges(x: NDArray[np.float64], groups: NDArray[np.int64], corners: NDArray[np.int64]) -> Edges:
-    """Counts for positions (V, 3), the welded group of each vertex (V,) and one edge per polygon corner (k, 2).
+def count_edges(mesh: MeshFile, graph: Graph) -> Edges:
+    """Counts for a mesh and its welded graph.
 
     Boundary edges have one face and non-manifold ones more than two; those of length zero are counted before welding.
     """
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
-    nodes = int(groups.max()) + 1
-    welded = unique_edges(groups[corners], nodes)
-    faces = np.bincount(welded.edge_of[welded.edge_of >= 0], minlength=len(welded.pairs))
-    before = unique_edges(corners, len(x)).pairs
-    zero = (x[before[:, 0]] == x[before[:, 1]]).all(axis=1)
-    i, j = welded.pairs.T
-    table = coo_array((np.ones(len(i), dtype=np.int8), (i, j)), shape=(nodes, nodes))
-    count, component = connected_components(table, directed=False)
+    faces = np.diff(graph.listing.offsets.numpy())
+    i, j = Graph.from_faces(mesh.positions, mesh.faces, weights="uniform", weld=None, device="cpu").edges.T
+    zero = (mesh.positions[i] == mesh.positions[j]).all(axis=1)
     return Edges(
-        edges=len(welded.pairs),
+        edges=graph.edge_count,
         boundary=int(np.count_nonzero(faces == 1)),
         non_manifold=int(np.count_nonzero(faces > 2)),
         zero_length=int(np.count_nonzero(zero)),
-        components=int(count),
-        largest=int(np.bincount(component).max()),
+        components=graph.component_count,
+        largest=int(np.diff(graph.component_offsets).max()),
     )
 
 

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from oneform_warp.solvers.multigrid.compact import scan
 from oneform_warp.solvers.rows import LaplacianRows
+from oneform_warp.sorting import scan
 
 __all__ = ["aggregate", "strong_edges"]
 

@@ -6,7 +6,9 @@ from typing import Any
 
 import warp as wp
 
-__all__ = ["Rows", "compact", "insert", "scan"]
+from oneform_warp.sorting import scan
+
+__all__ = ["Rows", "compact", "insert"]
 
 
 class Rows:
@@ -19,13 +21,6 @@ class Rows:
     def count(self) -> int:
         """How many entries there are."""
         return int(self.columns.shape[0])
-
-
-def scan(counts: wp.array[wp.int32]) -> tuple[wp.array[wp.int32], int]:
-    """Counts per row, (n + 1,) with the last one unused -> (offsets (n + 1,), their total)."""
-    offsets = wp.empty_like(counts)
-    wp.utils.array_scan(counts, offsets, inclusive=False)
-    return offsets, int(offsets[-1:].numpy()[0])
 
 
 @wp.func

@@ -11,9 +11,10 @@ from typing import Any
 
 import warp as wp
 
-from oneform_warp.solvers.multigrid.compact import Rows, compact, insert, scan
+from oneform_warp.solvers.multigrid.compact import Rows, compact, insert
 from oneform_warp.solvers.multigrid.prolongation import Prolongation
 from oneform_warp.solvers.rows import LaplacianRows
+from oneform_warp.sorting import scan
 
 __all__ = ["GalerkinPattern", "galerkin_pattern", "galerkin_values"]
 

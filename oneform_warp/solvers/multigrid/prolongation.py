@@ -7,8 +7,9 @@ from typing import Any
 
 import warp as wp
 
-from oneform_warp.solvers.multigrid.compact import Rows, compact, insert, scan
+from oneform_warp.solvers.multigrid.compact import Rows, compact, insert
 from oneform_warp.solvers.rows import LaplacianRows
+from oneform_warp.sorting import row_offsets, scan, sort_by_key
 
 __all__ = ["Prolongation", "smoothed_prolongation"]
 
@@ -98,41 +99,15 @@ def _values(
 
 
 @wp.kernel(enable_backward=False)
-def _sort_keys(
+def _rows_of_entries(
     # In:
     p_offsets: wp.array[wp.int32],
-    p_columns: wp.array[wp.int32],
     # Out:
-    key_out: wp.array[wp.int32],
-    entry_out: wp.array[wp.int32],
     row_out: wp.array[wp.int32],
 ):
     i = wp.tid()
     for k in range(p_offsets[i], p_offsets[i + 1]):
-        key_out[k] = p_columns[k]
-        entry_out[k] = k
         row_out[k] = i
-
-
-@wp.kernel(enable_backward=False)
-def _column_starts(
-    # In:
-    key: wp.array[wp.int32],
-    count: int,
-    # Out:
-    offset_out: wp.array[wp.int32],
-):
-    # Binary search: the first place whose key is not below this column.
-    c = wp.tid()
-    low = int(0)
-    high = int(count)
-    while low < high:
-        middle = (low + high) / 2
-        if key[middle] < c:
-            low = middle + 1
-        else:
-            high = middle
-    offset_out[c] = low
 
 
 @wp.kernel(enable_backward=False)
@@ -141,11 +116,9 @@ def _rows_of(
     entry: wp.array[wp.int32],
     row: wp.array[wp.int32],
     # Out:
-    entry_out: wp.array[wp.int32],
     row_out: wp.array[wp.int32],
 ):
     k = wp.tid()
-    entry_out[k] = entry[k]
     row_out[k] = row[entry[k]]
 
 
@@ -174,15 +147,8 @@ def _transposed(
 ) -> tuple[wp.array[wp.int32], wp.array[wp.int32], wp.array[wp.int32]]:
     """(column offsets, entries by column, their rows): a stable sort, so that sums over a column have a fixed order."""
     total = pattern.count
-    key, entry = (wp.empty(2 * total, dtype=wp.int32, device=device) for _ in range(2))
-    row = wp.empty(total, dtype=wp.int32, device=device)
-    wp.launch(
-        _sort_keys, dim=count, inputs=[pattern.offsets, pattern.columns], outputs=[key, entry, row], device=device
-    )
-    if total:
-        wp.utils.radix_sort_pairs(key, entry, total)
-    offsets = wp.empty(coarse_count + 1, dtype=wp.int32, device=device)
-    wp.launch(_column_starts, dim=coarse_count + 1, inputs=[key, total], outputs=[offsets], device=device)
-    by_column, row_of = (wp.empty(total, dtype=wp.int32, device=device) for _ in range(2))
-    wp.launch(_rows_of, dim=total, inputs=[entry, row], outputs=[by_column, row_of], device=device)
-    return offsets, by_column, row_of
+    row, row_of = (wp.empty(total, dtype=wp.int32, device=device) for _ in range(2))
+    wp.launch(_rows_of_entries, dim=count, inputs=[pattern.offsets], outputs=[row], device=device)
+    columns, by_column = sort_by_key(pattern.columns)
+    wp.launch(_rows_of, dim=total, inputs=[by_column, row], outputs=[row_of], device=device)
+    return row_offsets(columns, coarse_count), by_column, row_of
