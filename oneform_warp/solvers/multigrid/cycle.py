@@ -136,9 +136,8 @@ def _residual(
 def _restrict(
     # In:
     column_offsets: wp.array[wp.int32],
-    by_column: wp.array[wp.int32],
     row_of: wp.array[wp.int32],
-    values: wp.array[wp.float32],
+    column_values: wp.array[wp.float32],
     r: wp.array[wp.vec3],
     # Out:
     coarse_out: wp.array[wp.vec3],
@@ -146,7 +145,7 @@ def _restrict(
     c = wp.tid()
     total = wp.vec3()
     for k in range(column_offsets[c], column_offsets[c + 1]):
-        total += values[by_column[k]] * r[row_of[k]]
+        total += column_values[k] * r[row_of[k]]
     coarse_out[c] = total
 
 
@@ -242,4 +241,4 @@ class Cycle:
 
 
 def _columns(p: Prolongation) -> list[Any]:
-    return [p.column_offsets, p.by_column, p.row_of, p.values]
+    return [p.column_offsets, p.row_of, p.column_values]

@@ -179,10 +179,9 @@ def _product_values(
 def _coarse_values(
     # In:
     inverse_diagonal: wp.array[wp.float32],
-    p_values: wp.array[wp.float32],
     column_offsets: wp.array[wp.int32],
-    by_column: wp.array[wp.int32],
     row_of: wp.array[wp.int32],
+    column_values: wp.array[wp.float32],
     ap_offsets: wp.array[wp.int32],
     ap_columns: wp.array[wp.int32],
     ap_values: wp.array[wp.float32],
@@ -202,7 +201,7 @@ def _coarse_values(
     for k in range(column_offsets[c], column_offsets[c + 1]):
         i = row_of[k]
         if inverse_diagonal[i] > 0.0:
-            p = p_values[by_column[k]]
+            p = column_values[k]
             attached += p * boundary[i]
             for a in range(ap_offsets[i], ap_offsets[i + 1]):
                 if ap_columns[a] != c:
@@ -233,7 +232,7 @@ def galerkin_values(rows: LaplacianRows, p: Prolongation, pattern: GalerkinPatte
     )
     weight = wp.empty(pattern.coarse.count, dtype=wp.float32, device=device)
     attachment, inverse = (wp.empty(coarse, dtype=wp.float32, device=device) for _ in range(2))
-    columns = [rows.inverse_diagonal, p.values, p.column_offsets, p.by_column, p.row_of]
+    columns = [rows.inverse_diagonal, p.column_offsets, p.row_of, p.column_values]
     wp.launch(
         _coarse_values,
         dim=coarse,

@@ -24,11 +24,9 @@ class Prolongation:
     values: wp.array[wp.float32]
     coarse_count: int
     column_offsets: wp.array[wp.int32]
-    """Column c has the entries by_column[column_offsets[c]] to by_column[column_offsets[c + 1]]."""
-    by_column: wp.array[wp.int32]
-    """Entries (places in `values`) in the order of their columns, ties by row."""
+    """Column c has the entries column_offsets[c] to column_offsets[c + 1] of the two arrays below, by row."""
     row_of: wp.array[wp.int32]
-    """The row of each entry in by_column."""
+    column_values: wp.array[wp.float32]
 
 
 @wp.kernel(enable_backward=False)
@@ -111,15 +109,18 @@ def _rows_of_entries(
 
 
 @wp.kernel(enable_backward=False)
-def _rows_of(
+def _columns(
     # In:
     entry: wp.array[wp.int32],
     row: wp.array[wp.int32],
+    values: wp.array[wp.float32],
     # Out:
     row_out: wp.array[wp.int32],
+    value_out: wp.array[wp.float32],
 ):
     k = wp.tid()
     row_out[k] = row[entry[k]]
+    value_out[k] = values[entry[k]]
 
 
 def smoothed_prolongation(
@@ -139,16 +140,17 @@ def smoothed_prolongation(
     values = wp.empty(pattern.count, dtype=wp.float32, device=device)
     inputs = [*table, rows.weight, strong, aggregate, pattern.offsets, pattern.columns]
     wp.launch(_values, dim=count, inputs=inputs, outputs=[values], device=device)
-    return Prolongation(pattern, values, coarse_count, *_transposed(pattern, count, coarse_count, device))
+    return Prolongation(pattern, values, coarse_count, *_transposed(pattern, values, count, coarse_count))
 
 
 def _transposed(
-    pattern: Rows, count: int, coarse_count: int, device: Any
-) -> tuple[wp.array[wp.int32], wp.array[wp.int32], wp.array[wp.int32]]:
-    """(column offsets, entries by column, their rows): a stable sort, so that sums over a column have a fixed order."""
-    total = pattern.count
+    pattern: Rows, values: wp.array[wp.float32], count: int, coarse_count: int
+) -> tuple[wp.array[wp.int32], wp.array[wp.int32], wp.array[wp.float32]]:
+    """(column offsets, rows, values) by columns: a stable sort, so that sums over a column have a fixed order."""
+    total, device = pattern.count, values.device
     row, row_of = (wp.empty(total, dtype=wp.int32, device=device) for _ in range(2))
+    column_values = wp.empty(total, dtype=wp.float32, device=device)
     wp.launch(_rows_of_entries, dim=count, inputs=[pattern.offsets], outputs=[row], device=device)
-    columns, by_column = sort_by_key(pattern.columns)
-    wp.launch(_rows_of, dim=total, inputs=[by_column, row], outputs=[row_of], device=device)
-    return row_offsets(columns, coarse_count), by_column, row_of
+    columns, entry = sort_by_key(pattern.columns)
+    wp.launch(_columns, dim=total, inputs=[entry, row, values], outputs=[row_of, column_values], device=device)
+    return row_offsets(columns, coarse_count), row_of, column_values
