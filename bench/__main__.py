@@ -1,19 +1,21 @@
-"""`python -m bench [--full]`: every benchmark in turn."""
+"""`python -m bench [--full] [--device cuda:0]`: every benchmark in turn; then the plots."""
 
 from __future__ import annotations
 
-import sys
+from dataclasses import replace
 
-import warp as wp
-
-from bench import iteration, stages
+from bench import edit, iteration, plots, roofline, scale, solve, stages
+from bench.options import options
 
 
 def main() -> None:
-    wp.config.quiet = True
-    full = "--full" in sys.argv[1:]
+    given = options()
     for script in (stages, iteration):
-        script.main(full)
+        script.main(given.full)
+    for script in (edit, scale, roofline):
+        script.main(replace(given, sizes=()))
+    solve.main(given)
+    plots.main()
 
 
 if __name__ == "__main__":

@@ -1,0 +1,89 @@
+"""Each kernel of a multigrid iteration against the memory: bytes counted as each input once and each output once.
+
+`python -m bench.roofline [--full] [--device cuda:0] [--sizes sphere:9]`
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import warp as wp
+
+import oneform_warp as ow
+from bench.iteration import replayed
+from bench.launches import Launch, recorded
+from bench.options import Options, options
+from bench.problem import Case, Problem
+from bench.table import calm, report
+
+
+def copy_bandwidth(device: Any) -> float:
+    """Bytes a second of a large copy, read plus written."""
+    count = 250_000_000 if device.is_cuda else 50_000_000
+    source, target = (wp.zeros(count, dtype=wp.float32, device=device) for _ in range(2))
+    return 2.0 * 4.0 * count / replayed(lambda: wp.copy(target, source), device)
+
+
+def measured(what: str, launches: list[Launch], work: Callable[[], None], bandwidth: float, device: Any) -> dict:
+    """One row: `work` does the launches listed."""
+    calm()
+    seconds, moved = replayed(work, device), sum(launch.bytes for launch in launches)
+    return {
+        "what": what,
+        "rows": launches[0].size,
+        "launches": len(launches),
+        "MB": moved / 1e6,
+        "us": 1e6 * seconds,
+        "GB/s": moved / seconds / 1e9,
+        "of copy": moved / seconds / bandwidth,
+    }
+
+
+def again(launches: list[Launch]) -> Callable[[], None]:
+    def work() -> None:
+        for launch in launches:
+            launch.again()
+
+    return work
+
+
+def rows_of(name: str, bandwidth: float, device: Any) -> list[dict[str, Any]]:
+    """The finest level's kernels, then all launches of each level, the V-cycle and the whole iteration."""
+    problem = Problem.of(Case(name), device)
+    solver = ow.Multigrid()
+    state = solver.prepare(problem.graph, problem.pinned)
+    solver.solve(state, problem.v, problem.start)
+    inner = state.inner
+    launches, cycle = recorded(inner._iterate), recorded(inner.cycle.run)
+
+    def line(what: str, some: list[Launch], work: Callable[[], None] | None = None) -> dict[str, Any]:
+        return {"mesh": name, **measured(what, some, work or again(some), bandwidth, device)}
+
+    sizes = sorted({launch.size for launch in cycle}, reverse=True)
+    finest = {launch.kernel: launch for launch in launches if launch.size == sizes[0]}
+    restrict = next((k for k in launches if k.kernel == "restrict"), None)
+    if restrict is not None:
+        finest["restrict"] = restrict  # its rows are those of the next level
+    rows = [line(kernel, [launch]) for kernel, launch in finest.items()]
+    for size in sizes:
+        level = [launch for launch in cycle if launch.size == size]
+        rows.append(line(f"cycle, {size} rows", level))
+    rows.append(line("V-cycle", cycle, inner.cycle.run))
+    rows.append(line("iteration", launches, inner._iterate))
+    return rows
+
+
+def main(given: Options) -> None:
+    device = given.device
+    sizes = ["sphere:8", "sphere:9"] if device.is_cuda else ["sphere:6"]
+    if given.full:
+        sizes += ["sphere:10"] if device.is_cuda else ["sphere:8"]
+    bandwidth = copy_bandwidth(device)
+    rows = [row for name in given.sizes or sizes for row in rows_of(name, bandwidth, device)]
+    claim = f"a multigrid iteration against a copy at {bandwidth / 1e9:.0f} GB/s, on {device.name}"
+    report(f"roofline-{'cuda' if device.is_cuda else 'cpu'}", claim, rows)
+
+
+if __name__ == "__main__":
+    main(options())
