@@ -13,6 +13,7 @@ from scipy.sparse.linalg import splu
 
 import oneform_warp as ow
 from oneform_warp.filters import read_mesh
+from oneform_warp.solvers import Solver
 from oneform_warp.solvers.multigrid import hierarchy, structure
 from oneform_warp.solvers.multigrid.aggregates import aggregate, strong_edges
 from oneform_warp.solvers.multigrid.hierarchy import COARSEST
@@ -158,6 +159,20 @@ def test_positions_are_those_of_a_direct_solver(weights: str, share: float, devi
         solution = ow.solve(graph, v, start=x, fixed=fixed, solver=solver)
         assert solution.converged
         assert np.linalg.norm(solution.x - expected) < error * np.linalg.norm(expected - expected.mean(axis=0))
+
+
+@pytest.mark.parametrize("solver", [ow.Multigrid(), ow.CG(), ow.Jacobi(max_iterations=50, tol=0.0)])
+def test_one_pin_costs_no_accuracy_and_stays_to_the_bit(solver: Solver) -> None:
+    # A needle of a mesh: as a constraint, one pin would turn rounding into a drift of 1e-5 and more.
+    x, faces = ow.shapes.grid(400, 25)
+    x = x + np.random.default_rng(0).uniform(-0.3, 0.3, x.shape) * [1 / 400, 1 / 25, 0.0]
+    graph = ow.Graph.from_faces(x, faces)
+    v = ow.transform(graph, ow.differential(graph, x), np.outer(x[:, 0], [1.0, 2.0, 3.0]), None)
+    pinned = ow.solve(graph, v, start=x, fixed=[7], solver=solver)
+    assert (pinned.x[7] == x[7]).all()
+    if not isinstance(solver, ow.Jacobi):
+        expected = reference(graph, v, x, np.arange(len(x)) == 7)
+        assert np.abs(pinned.x - expected).max() < 1e-6 * np.ptp(expected)
 
 
 def iterations(x: np.ndarray, faces: object, weights: str) -> int:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from oneform_warp.graph import Graph
 from oneform_warp.segments import launch_chunks, launch_components, sum_of_chunks
 from oneform_warp.solvers.loop import Loop
-from oneform_warp.solvers.precision import in_both_precisions, precision_named
+from oneform_warp.solvers.precision import FLOAT32, in_both_precisions, precision_named
 from oneform_warp.solvers.refinement import Correction, State, Watch, refine
 from oneform_warp.solvers.rows import LaplacianRows, scaled_right_hand_side
 from oneform_warp.solvers.solution import Progress, Solution
@@ -253,8 +253,10 @@ class CG:
 
     def prepare(self, graph: Graph, pinned: NDArray[np.bool_], attachment: NDArray[np.float64] | None = None) -> State:
         """What depends on the graph and its pinned (n,) or attached (n,) nodes alone; serves any v and start."""
-        system = System.of(graph, pinned, attachment)
-        return State(system, _Iteration(LaplacianRows.of(system, precision_named(self.dtype))))
+        precision = precision_named(self.dtype)
+        # In float64 the drift of a single pin is far below any tol.
+        system = System.of(graph, pinned, attachment, anchored=precision is FLOAT32)
+        return State(system, _Iteration(LaplacianRows.of(system, precision)))
 
     def solve(
         self,

@@ -111,6 +111,7 @@ def refine(
     column is asked for less than the rounding error of its own residual.
     """
     system, inner = state.system, state.inner
+    given = wp.clone(x) if len(system.anchors.nodes) else x
     r = wp.zeros_like(x)
     norms = system.residual(x, v, target, r)
     reference, rounding = system.scales(x, v)
@@ -129,8 +130,10 @@ def refine(
         previous, norms = norms, system.residual(x, v, target, r)
         if not np.isfinite(norms).all():
             wp.copy(x, before)
+            system.anchors.restore(x, given)
             return log.solution(x, Status.NON_FINITE, previous)
         log.restart(norms)
+    system.anchors.restore(x, given)
     return log.solution(x, status, norms)
 
 

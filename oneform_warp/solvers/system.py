@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from oneform_warp.forms import codifferential_at
 from oneform_warp.graph import Graph
 from oneform_warp.segments import launch_chunks, sum_chunks
+from oneform_warp.solvers.anchors import Anchors
 
 __all__ = ["System", "residual_at"]
 
@@ -116,25 +117,39 @@ class System:
 
     graph: Graph
     pinned: wp.array[wp.int32]
-    """1 where x is given, (n,)."""
+    """1 where x is given, (n,); a component's only pin is an anchor instead."""
     attachment: wp.array[wp.float64]
     """w_i >= 0, (n,), or empty for none."""
 
     floating: NDArray[np.bool_]
     """Components with edges that nothing pins or attaches: their minimiser is unique up to a constant."""
+    anchors: Anchors
 
     @classmethod
-    def of(cls, graph: Graph, pinned: NDArray[np.bool_], attachment: NDArray[np.float64] | None = None) -> System:
-        """pinned: (n,) mask of nodes; attachment: (n,) w_i >= 0 or None."""
+    def of(
+        cls,
+        graph: Graph,
+        pinned: NDArray[np.bool_],
+        attachment: NDArray[np.float64] | None = None,
+        *,
+        anchored: bool = False,
+    ) -> System:
+        """pinned: (n,) mask of nodes; attachment: (n,) w_i >= 0 or None; anchored: a single pin becomes an anchor."""
         weights = np.zeros(0) if attachment is None else attachment
         held = pinned if attachment is None else pinned | (attachment > 0.0)
         floating = np.ones(graph.component_count, dtype=bool)
         floating[graph.node_component[held]] = False
+        # An attachment pulls the constant as well: then the pin stays a pin.
+        single = pinned if anchored and attachment is None else np.zeros_like(pinned)
+        anchors = Anchors.among(graph, single)
+        fixed = pinned.astype(np.int32)
+        fixed[anchors.nodes] = 0
         return cls(
             graph,
-            wp.array(pinned.astype(np.int32), dtype=wp.int32, device=graph.device),
+            wp.array(fixed, dtype=wp.int32, device=graph.device),
             wp.array(weights, dtype=wp.float64, device=graph.device),
             floating[: graph.solved_components],
+            anchors,
         )
 
     def residual(

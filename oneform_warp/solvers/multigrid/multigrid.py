@@ -15,7 +15,7 @@ from oneform_warp.solvers.cg import alpha_of_components, beta_of_components, pro
 from oneform_warp.solvers.loop import Loop, Recording
 from oneform_warp.solvers.multigrid.cycle import Cycle
 from oneform_warp.solvers.multigrid.hierarchy import hierarchy
-from oneform_warp.solvers.precision import in_both_precisions, precision_named
+from oneform_warp.solvers.precision import FLOAT32, in_both_precisions, precision_named
 from oneform_warp.solvers.refinement import Correction, State, Watch, refine
 from oneform_warp.solvers.rows import LaplacianRows, scaled_right_hand_side
 from oneform_warp.solvers.solution import Progress, Solution
@@ -169,8 +169,10 @@ class Multigrid:
 
     def prepare(self, graph: Graph, pinned: NDArray[np.bool_], attachment: NDArray[np.float64] | None = None) -> State:
         """The hierarchy for these pinned (n,) and attached (n,) nodes; serves any v and start."""
-        system = System.of(graph, pinned, attachment)
-        rows = LaplacianRows.of(system, precision_named(self.dtype))
+        precision = precision_named(self.dtype)
+        # In float64 the drift of a single pin is far below any tol.
+        system = System.of(graph, pinned, attachment, anchored=precision is FLOAT32)
+        rows = LaplacianRows.of(system, precision)
         return State(system, _Iteration(rows, Cycle(hierarchy(system))))
 
     def solve(
