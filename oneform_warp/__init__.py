@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from oneform_warp.forms import codifferential, differential, edge_energy, energy, transform
     from oneform_warp.graph import Graph
     from oneform_warp.handles import Handle
-    from oneform_warp.solvers import CG, Jacobi, Multigrid, Solution, Status, solve
+    from oneform_warp.solvers import CG, Cholmod, CuDSS, Jacobi, Multigrid, Solution, Status, SuperLU, solve
     from oneform_warp.tree import SpanningTree, integrate_tree, spanning_tree
 
 __version__ = "0.1.0"
@@ -38,13 +38,15 @@ _HOME = {
     "forms": ["codifferential", "differential", "edge_energy", "energy", "transform"],
     "graph": ["Graph"],
     "handles": ["Handle"],
-    "solvers": ["CG", "Jacobi", "Multigrid", "Solution", "Status", "solve"],
+    "solvers": ["CG", "Cholmod", "CuDSS", "Jacobi", "Multigrid", "Solution", "Status", "SuperLU", "solve"],
     "tree": ["SpanningTree", "integrate_tree", "spanning_tree"],
 }
 _MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
 
 __all__ = [
     "CG",
+    "Cholmod",
+    "CuDSS",
     "Deformation",
     "Deformer",
     "Fields",
@@ -59,6 +61,7 @@ __all__ = [
     "Solution",
     "SpanningTree",
     "Status",
+    "SuperLU",
     "codifferential",
     "cycle_residual",
     "deform",

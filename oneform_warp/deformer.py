@@ -6,6 +6,7 @@ import time
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -16,12 +17,12 @@ from oneform_warp.arrays import Rows, read_rows
 from oneform_warp.centroids import keep_centroids
 from oneform_warp.errors import InputError, NotConverged, OneFormWarning
 from oneform_warp.fields import Fields, NodeFields, Smoothing, node_fields
-from oneform_warp.forms import node_differential, node_transform
+from oneform_warp.forms import node_differential, node_energy, node_transform
 from oneform_warp.graph import Graph
 from oneform_warp.handles import Handle, held_nodes
 from oneform_warp.notes import bare_notes, field_notes, misfit_notes
+from oneform_warp.rest import Rest
 from oneform_warp.solvers import Progress, Solution, Solver, States, default_solver
-from oneform_warp.solvers.rows import power_of_two
 from oneform_warp.starts import Problem, Start, read_start
 from oneform_warp.weights import Weights
 
@@ -30,18 +31,25 @@ __all__ = ["Deformation", "Deformer", "deform"]
 
 @dataclass(frozen=True, eq=False)
 class Deformation(Solution):
-    """A Solution for a mesh, with everything on the way to it; `x` are the new positions, in x's shape and dtype."""
+    """A Solution for a mesh, with everything on the way to it; `x` are the new positions, in x's shape and dtype.
+
+    What is large comes from the device when it is first asked for.
+    """
 
     energy: float
     """phi(x) = sum mu_ij |x_j - x_i - v_ij|^2, in squared units of x."""
-    fields: Fields
-    v: NDArray[np.float64]
-    """The 1-form, (m, D) on `graph.edges`, in the unit of x."""
-    estimate: Any
-    """The start that the solver improved, like x; with start="maximal" the paper's tree estimate."""
     warnings: tuple[str, ...]
     seconds: dict[str, float]
     """Wall time of each stage."""
+    _nodes: NodeFields
+    _form: wp.array[wp.vec3d]
+    _begin: wp.array[wp.vec3d]
+    _rest: Rest
+
+    @cached_property
+    def fields(self) -> Fields:
+        """omega and sigma per vertex."""
+        return self._nodes.per_vertex(self._rest.graph, self._rest.dimension)
 
     @property
     def omega(self) -> Any:
@@ -52,6 +60,17 @@ class Deformation(Solution):
     def sigma(self) -> Any:
         """The stretches, (V,)."""
         return self.fields.sigma
+
+    @cached_property
+    def v(self) -> NDArray[np.float64]:
+        """The 1-form, (m, D) on `graph.edges`, in the unit of x."""
+        form: NDArray[np.float64] = self._form.numpy()[:, : self._rest.dimension] * self._rest.scale
+        return form
+
+    @cached_property
+    def estimate(self) -> Any:
+        """The start that the solver improved, like x; with start="maximal" the paper's tree estimate."""
+        return self._rest.outside(self._begin)
 
 
 class Deformer:
@@ -108,32 +127,9 @@ class Deformer:
         self._rest_on(rows)
 
     def _rest_on(self, rows: Rows) -> None:
-        if len(rows.data) != self.graph.vertex_count:
-            raise InputError(
-                f"{len(rows.data)} positions for a graph of {self.graph.vertex_count} vertices",
-                where="x",
-                fix="give one row per vertex",
-            )
-        self.rows = rows
-        # Centred and scaled to about the unit box, by a power of two: exact, and float32 inside cannot overflow.
-        low, high = rows.data.min(axis=0, initial=np.inf), rows.data.max(axis=0, initial=-np.inf)
-        size = float((high - low).max()) if len(rows.data) else 1.0
-        if not np.isfinite(size):
-            raise InputError("the positions span more than float64 holds", where="x", fix="use a larger unit")
-        self._scale = power_of_two(size)
-        self._centre = low / 2.0 + high / 2.0 if len(rows.data) else np.zeros(3)
-        self._rest = self.graph.nodes_from(self._inside(rows.data))
+        self._rest = Rest(rows, self.graph)
         self._previous: wp.array[wp.vec3d] | None = None
         self._states = States(self._solver, self.graph)
-
-    def _inside(self, data: NDArray[np.float64]) -> NDArray[np.float64]:
-        inside: NDArray[np.float64] = (data - self._centre) / self._scale
-        return inside
-
-    def _outside(self, x: wp.array[wp.vec3d]) -> Any:
-        """Positions per node -> the caller's: x plus the displacement, so that what did not move keeps every bit."""
-        moved = (x.numpy() - self._rest.numpy())[self.graph.node_of] * self._scale
-        return self.rows.like(np.where(moved == 0.0, self.rows.data, self.rows.data + moved))
 
     def deform(self, handles: Sequence[Handle] = (), **options: Any) -> Any:
         """The new positions, in the shape, dtype and kind of array of x; options as for `solve`.
@@ -164,39 +160,54 @@ class Deformer:
         "zero", or positions (V, D); "previous" is the last solution of this Deformer.
         A component with nothing held keeps its centroid. Raises InputError before any kernel runs.
         """
-        clock = _Clock(self.graph.device)
+        graph, rest = self.graph, self._rest
+        clock = _Clock(graph.device)
         handles = list(handles)
-        held = held_nodes(self.graph, handles)
-        make_start = read_start(start, self.graph, self.rows.dimension, self._inside)
+        held = held_nodes(graph, handles)
+        make_start = read_start(start, graph, rest.dimension, rest.inside)
         nodes = self._fields(handles, fields, Smoothing(sweeps, length))
         clock.stop("fields")
-        v = node_transform(self.graph, node_differential(self.graph, self._rest), nodes.omega, nodes.sigma)
+        v = node_transform(graph, node_differential(graph, rest.x), nodes.omega, nodes.sigma)
         clock.stop("1-form")
-        begin = self._pinned(make_start(Problem(self.graph, self._rest, v, self._previous)), held)
+        begin = self._pinned(make_start(Problem(graph, rest.x, v, self._previous)), held)
         clock.stop("start")
         state = self._states.of(held)
         clock.stop("prepare")
         solution = self._solver.solve(state, v, begin, progress=progress)
-        keep_centroids(self.graph, state.system.floating, solution.x, self._rest)
+        keep_centroids(graph, state.system.floating, solution.x, rest.x)
         self._previous = solution.x
         clock.stop("solve")
-        notes = [
-            *field_notes(self.graph, nodes),
-            *([] if fields is not None else bare_notes(self.graph, handles)),
-        ]
-        return self._report(solution, nodes, v, begin, notes, clock)
+        notes = [*field_notes(graph, nodes), *([] if fields is not None else bare_notes(graph, handles))]
+        phi, asked = node_energy(graph, solution.x, v)
+        notes += misfit_notes(phi, asked)
+        return Deformation(
+            x=rest.outside(solution.x),
+            status=solution.status,
+            iterations=solution.iterations,
+            restarts=solution.restarts,
+            residual=solution.residual[:, : rest.dimension] * rest.scale,
+            goal=solution.goal[:, : rest.dimension] * rest.scale,
+            history=solution.history,
+            energy=phi * rest.scale**2,
+            warnings=tuple(notes),
+            seconds=clock.seconds,
+            _nodes=nodes,
+            _form=v,
+            _begin=begin,
+            _rest=rest,
+        )
 
     def _fields(self, handles: list[Handle], fields: Fields | None, smoothing: Smoothing) -> NodeFields:
         if fields is None:
             scaled = smoothing
             if smoothing.length is not None:
-                scaled = Smoothing(length=smoothing.length / self._scale)
+                scaled = Smoothing(length=smoothing.length / self._rest.scale)
             return node_fields(
                 self.graph,
                 handles,
-                dimension=self.rows.dimension,
+                dimension=self._rest.dimension,
                 smoothing=scaled,
-                x=self._rest,
+                x=self._rest.x,
                 states=self._states,
             )
         for number, handle in enumerate(handles):
@@ -206,47 +217,17 @@ class Deformer:
                     where=handle.label(number),
                     fix="set held=True, or drop fields",
                 )
-        return NodeFields.of(self.graph, fields, self.rows.dimension)
+        return NodeFields.of(self.graph, fields, self._rest.dimension)
 
     def _pinned(self, begin: wp.array[wp.vec3d], held: NDArray[np.bool_]) -> wp.array[wp.vec3d]:
         """The start with what must not move at rest: held nodes, and those without an edge."""
-        if begin is self._rest:
+        if begin is self._rest.x:
             return begin
-        values, rest = begin.numpy().copy(), self._rest.numpy()
+        values, rest = begin.numpy().copy(), self._rest.x.numpy()
         fixed = held.copy()
         fixed[self.graph.component_offsets[self.graph.solved_components] :] = True
         values[fixed] = rest[fixed]
         return wp.array(values, dtype=wp.vec3d, device=self.graph.device)
-
-    def _report(
-        self,
-        solution: Solution,
-        nodes: NodeFields,
-        v: wp.array[wp.vec3d],
-        begin: wp.array[wp.vec3d],
-        notes: list[str],
-        clock: _Clock,
-    ) -> Deformation:
-        columns = self.rows.dimension
-        mu, form = self.graph.mu.numpy(), v.numpy()
-        difference = node_differential(self.graph, solution.x).numpy() - form
-        phi, asked = (float((mu * np.einsum("ij,ij->i", rows, rows)).sum()) for rows in (difference, form))
-        notes += misfit_notes(phi, asked)
-        return Deformation(
-            x=self._outside(solution.x),
-            status=solution.status,
-            iterations=solution.iterations,
-            restarts=solution.restarts,
-            residual=solution.residual[:, :columns] * self._scale,
-            goal=solution.goal[:, :columns] * self._scale,
-            history=solution.history,
-            energy=phi * self._scale**2,
-            fields=nodes.per_vertex(self.graph, columns),
-            v=form[:, :columns] * self._scale,
-            estimate=self._outside(begin),
-            warnings=tuple(notes),
-            seconds=clock.seconds,
-        )
 
 
 def deform(

@@ -12,6 +12,7 @@ from oneform_warp.arrays import read_rows, to_device
 from oneform_warp.errors import InputError
 from oneform_warp.graph import Graph
 from oneform_warp.rotations import transform_edge
+from oneform_warp.segments import launch_chunks, sum_chunks
 
 __all__ = [
     "codifferential",
@@ -174,6 +175,36 @@ def read_fields(
     return vectors, stretch
 
 
+@wp.kernel(enable_backward=False)
+def _energies(
+    chunk_offsets: wp.array[wp.int32],
+    # Graph:
+    tail: wp.array[wp.int32],
+    head: wp.array[wp.int32],
+    mu: wp.array[wp.float64],
+    # In:
+    x: wp.array[wp.vec3d],
+    v: wp.array[wp.vec3d],
+    # Out:
+    energy_out: wp.array[wp.vec3d],
+):
+    k, lane = wp.tid()
+    energy = wp.vec3d()
+    for e in range(chunk_offsets[k] + lane, chunk_offsets[k + 1], wp.block_dim()):
+        misfit = x[head[e]] - x[tail[e]] - v[e]
+        energy += mu[e] * wp.vec3d(wp.length_sq(misfit), wp.length_sq(v[e]), wp.float64(0.0))
+    wp.tile_store(energy_out, wp.tile_sum(wp.tile(energy, preserve_type=True)), offset=k)
+
+
+def node_energy(graph: Graph, x: wp.array[wp.vec3d], v: wp.array[wp.vec3d]) -> tuple[float, float]:
+    """phi(x) = sum mu_ij |x_j - x_i - v_ij|^2 of rows per node, and sum mu_ij |v_ij|^2; summed on the device."""
+    edges = graph.edge_segments
+    partial = edges.partials()
+    launch_chunks(_energies, edges, [graph.tail, graph.head, graph.mu, x, v], [partial])
+    phi, size, _ = sum_chunks(edges, partial, edges.zeros()).numpy()[0]
+    return float(phi), float(size)
+
+
 def edge_energy(graph: Graph, x: Any, v: Any) -> NDArray[np.float64]:
     """mu_ij |x_j - x_i - v_ij|^2 of every edge, (m,) float64. x: (V, D); v: (m, D)."""
     rows = read_rows(x, graph.vertex_count, "x")
@@ -184,4 +215,6 @@ def edge_energy(graph: Graph, x: Any, v: Any) -> NDArray[np.float64]:
 
 def energy(graph: Graph, x: Any, v: Any) -> float:
     """phi(x) = sum over the edges of mu_ij |x_j - x_i - v_ij|^2. x: (V, D); v: (m, D)."""
-    return float(edge_energy(graph, x, v).sum())
+    rows = read_rows(x, graph.vertex_count, "x")
+    form = read_rows(v, graph.edge_count, "v")
+    return node_energy(graph, graph.nodes_from(rows.data), to_device(form.data, graph.device))[0]

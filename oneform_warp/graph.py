@@ -17,6 +17,7 @@ from oneform_warp.errors import InputError
 from oneform_warp.incidence import UniqueEdges
 from oneform_warp.order import along_a_curve, as_numbered, by_breadth
 from oneform_warp.polygons import Faces, as_polygons
+from oneform_warp.segments import Segments
 from oneform_warp.weights import (
     Weights,
     check_weights,
@@ -151,6 +152,11 @@ class Graph(Assembly):
     def components(self) -> NDArray[np.int64]:
         """The component of each vertex, (V,)."""
         return self.node_component[self.node_of].astype(np.int64)
+
+    @cached_property
+    def edge_segments(self) -> Segments:
+        """All edges as one segment, for sums over them."""
+        return Segments.from_offsets(np.array([0, self.edge_count]), self.device)
 
     @cached_property
     def largest_weight(self) -> float:

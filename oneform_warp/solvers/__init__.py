@@ -5,6 +5,7 @@
 
 from oneform_warp.solvers.cg import CG
 from oneform_warp.solvers.choice import default_solver
+from oneform_warp.solvers.direct import Cholmod, CuDSS, SuperLU
 from oneform_warp.solvers.jacobi import Jacobi
 from oneform_warp.solvers.least_squares import solve
 from oneform_warp.solvers.multigrid import Multigrid
@@ -15,6 +16,8 @@ from oneform_warp.solvers.states import States
 
 __all__ = [
     "CG",
+    "Cholmod",
+    "CuDSS",
     "Jacobi",
     "Multigrid",
     "Progress",
@@ -23,6 +26,7 @@ __all__ = [
     "State",
     "States",
     "Status",
+    "SuperLU",
     "default_solver",
     "solve",
 ]

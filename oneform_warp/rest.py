@@ -1,0 +1,52 @@
+"""The rest pose: the caller's positions, and the same centred and scaled per node."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from oneform_warp.arrays import Rows
+from oneform_warp.errors import InputError
+from oneform_warp.graph import Graph
+from oneform_warp.solvers.rows import power_of_two
+
+__all__ = ["Rest"]
+
+
+class Rest:
+    """Positions centred and scaled to about the unit box, by a power of two: exact, and float32 cannot overflow."""
+
+    def __init__(self, rows: Rows, graph: Graph) -> None:
+        if len(rows.data) != graph.vertex_count:
+            raise InputError(
+                f"{len(rows.data)} positions for a graph of {graph.vertex_count} vertices",
+                where="x",
+                fix="give one row per vertex",
+            )
+        low, high = rows.data.min(axis=0, initial=np.inf), rows.data.max(axis=0, initial=-np.inf)
+        size = float((high - low).max()) if len(rows.data) else 1.0
+        if not np.isfinite(size):
+            raise InputError("the positions span more than float64 holds", where="x", fix="use a larger unit")
+        self.rows, self.graph = rows, graph
+        self.scale = power_of_two(size)
+        self.centre = low / 2.0 + high / 2.0 if len(rows.data) else np.zeros(3)
+        self.x: wp.array[wp.vec3d] = graph.nodes_from(self.inside(rows.data))
+        """Per node, (n,), on the graph's device."""
+
+    @property
+    def dimension(self) -> int:
+        """D."""
+        return self.rows.dimension
+
+    def inside(self, data: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Positions (V, 3) in the caller's unit -> centred and scaled."""
+        inside: NDArray[np.float64] = (data - self.centre) / self.scale
+        return inside
+
+    def outside(self, x: wp.array[wp.vec3d]) -> Any:
+        """Positions per node -> the caller's: rest plus displacement, so that what did not move keeps every bit."""
+        moved = (x.numpy() - self.x.numpy())[self.graph.node_of] * self.scale
+        return self.rows.like(np.where(moved == 0.0, self.rows.data, self.rows.data + moved))

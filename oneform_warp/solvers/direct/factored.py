@@ -1,0 +1,96 @@
+"""What the direct solvers share: options, the outer loop, and the correction by a factorisation on the host."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from oneform_warp.errors import InputError
+from oneform_warp.solvers.direct.free_matrix import FreeMatrix
+from oneform_warp.solvers.precision import FLOAT64
+from oneform_warp.solvers.refinement import Correction, State, Watch, refine
+from oneform_warp.solvers.solution import Progress, Solution
+from oneform_warp.solvers.system import System
+from oneform_warp.solvers.validation import check_limits
+
+__all__ = ["Direct", "HostCorrection", "Substitution", "singular"]
+
+Substitution = Callable[[NDArray[np.float64]], NDArray[np.float64]]
+"""From right-hand sides (k, 3), rows of three together, to the solution, (k, 3)."""
+
+CORRECTIONS = 10
+"""One is usual, two where weights spread over many decades; a loop that needs more has stagnated before."""
+
+
+class HostCorrection:
+    """Solves L e = r by a factorisation that lies on the host, whatever the device of the graph."""
+
+    floor = FLOAT64.floor
+
+    def __init__(
+        self,
+        system: System,
+        matrix: FreeMatrix,
+        substitute: Substitution,
+    ) -> None:
+        self.matrix, self.substitute = matrix, substitute
+        self.e = wp.zeros(system.graph.node_count, dtype=wp.vec3d, device=system.graph.device)
+        self.e_host = np.zeros((system.graph.node_count, 3))
+
+    def correct(
+        self,
+        r: wp.array[wp.vec3d],
+        norms: NDArray[np.float64],
+        aim: NDArray[np.float64],
+        budget: int,
+        watch: Watch | None,
+    ) -> Correction:
+        """See `refinement.Inner`; the whole correction is one iteration, `aim` and `budget` do not matter."""
+        nodes = self.matrix.nodes
+        stop = watch is not None and watch(0, norms)
+        self.e_host[nodes] = 0.0 if stop else self.substitute(r.numpy()[nodes])
+        self.e.assign(self.e_host)
+        return Correction(self.e, self.matrix.scale, 0 if stop else 1)
+
+
+@dataclass(frozen=True)
+class Direct:
+    """The options and the outer loop of a direct solver; its own part is `prepare`."""
+
+    tol: float = 1.0e-6
+
+    def __post_init__(self) -> None:
+        check_limits(self.tol, CORRECTIONS)
+
+    def solve(
+        self,
+        state: State,
+        v: wp.array[wp.vec3d],
+        start: wp.array[wp.vec3d],
+        *,
+        target: wp.array[wp.vec3d] | None = None,
+        progress: Progress | None = None,
+    ) -> Solution:
+        """From `start` (n,), which holds the pinned values, to the minimiser for v (m,); all per node."""
+        return refine(
+            state,
+            v,
+            wp.clone(start),
+            target=start if target is None else target,
+            tol=self.tol,
+            max_iterations=CORRECTIONS,
+            progress=progress,
+        )
+
+
+def singular(name: str, error: Exception) -> InputError:
+    """The named error for a matrix that has no factors in float64."""
+    return InputError(
+        f"{name} finds no factors of the matrix ({error})",
+        where="solver",
+        fix="weights span too many decades for a direct solver, use Multigrid()",
+    )
