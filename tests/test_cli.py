@@ -199,6 +199,23 @@ def test_interrupt_exits_with_130(bar, tmp_path, monkeypatch):
     assert not (tmp_path / "out.obj").exists()
 
 
+@pytest.mark.parametrize("solver", ["cg", "multigrid", "superlu"])
+def test_named_solvers_agree(solver, bar, tmp_path):
+    path, x, faces = bar
+    out = tmp_path / "out.obj"
+    result = run("deform", path, "-o", out, *TWIST, "--solver", solver, "--tol", "1e-8")
+    assert result.exit_code == 0, result.stderr
+    handles = [ow.Handle(x[:, 2] < 0.2, held=True), ow.Handle(x[:, 2] > 0.8, axis="z", angle=90)]
+    expected = ow.Deformer(x, faces).solve(handles).x
+    assert np.abs(read_mesh(out).positions - expected).max() < 1e-5
+
+
+def test_a_direct_solver_has_no_precision_to_choose(bar, tmp_path):
+    result = run("deform", bar[0], "-o", tmp_path / "out.obj", *TWIST, "--solver", "superlu", "--dtype", "float32")
+    assert result.exit_code == 1
+    assert "solver: SuperLU has no dtype; leave dtype out, or take multigrid" in result.stderr
+
+
 def test_choices_are_those_of_the_core():
     from oneform_warp import solvers
     from oneform_warp.starts import STARTS

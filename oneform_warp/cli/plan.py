@@ -1,7 +1,7 @@
 """A mesh, its handles and a deformer: everything that is checked before the first kernel runs."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,7 @@ from oneform_warp.cli.selections import select_vertices
 from oneform_warp.cli.settings import Settings, weld_length
 from oneform_warp.cli.specs import HandleSpec
 from oneform_warp.deformer import Deformation, Deformer
-from oneform_warp.errors import FileError
+from oneform_warp.errors import FileError, InputError
 from oneform_warp.fields import Smoothing
 from oneform_warp.filters import MeshFile
 from oneform_warp.filters.meshfile import WRITABLE
@@ -77,12 +77,26 @@ def make_plan(mesh: MeshFile, specs: Sequence[HandleSpec], settings: Settings, o
     return Plan(mesh, specs, handles, deformer, settings)
 
 
+NAMES = {
+    "cg": "CG",
+    "cholmod": "Cholmod",
+    "cudss": "CuDSS",
+    "jacobi": "Jacobi",
+    "multigrid": "Multigrid",
+    "superlu": "SuperLU",
+}
+
+
 def _solver(settings: Settings, graph: Graph) -> Any:
     """The named solver, or the one that the library takes for this mesh, with the options that are given."""
-    names = {"cg": "CG", "jacobi": "Jacobi", "multigrid": "Multigrid"}
-    base: Any = (
-        solvers.default_solver(graph) if settings.solver == "auto" else getattr(solvers, names[settings.solver])()
-    )
+    auto = settings.solver == "auto"
+    base: Any = solvers.default_solver(graph) if auto else getattr(solvers, NAMES[settings.solver])()
+    known = {field.name for field in fields(base)}
+    for option in settings.solver_options:
+        if option not in known:
+            raise InputError(
+                f"{type(base).__name__} has no {option}", where="solver", fix=f"leave {option} out, or take multigrid"
+            )
     return replace(base, **settings.solver_options)
 
 

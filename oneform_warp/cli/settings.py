@@ -13,7 +13,7 @@ __all__ = ["CHOICES", "Settings", "checked_setting", "settings_from", "weld_leng
 # The words of the core, repeated so that the help need not load Warp; a test compares them.
 CHOICES = {
     "weights": ("cotangent", "uniform", "inverse_length"),
-    "solver": ("auto", "cg", "jacobi", "multigrid"),
+    "solver": ("auto", "cg", "cholmod", "cudss", "jacobi", "multigrid", "superlu"),
     "dtype": ("float32", "float64"),
     "start": ("rest", "previous", "min_depth", "maximal", "minimal", "zero"),
     "backend": ("auto", "pymeshlab", "trimesh"),

@@ -9,14 +9,15 @@ from typing import Any
 
 import warp as wp
 
+from oneform_warp.segments import LANES
 from oneform_warp.solvers.multigrid.hierarchy import Hierarchy
 from oneform_warp.solvers.multigrid.prolongation import Prolongation
 from oneform_warp.solvers.rows import LaplacianRows
 
 __all__ = ["Cycle"]
 
-WARP_LANES = 32
-"""Threads that share one row of a restriction or of the dense inverse."""
+COLUMN_LANES = 32
+"""Threads that share one column of P in a restriction."""
 
 # Chebyshev polynomials on [1/4, 2], the upper part of the spectrum of D^-1 A; 2 is Gershgorin's bound.
 _CENTRE, _RADIUS = (2.0 + 0.25) / 2.0, (2.0 - 0.25) / 2.0
@@ -213,7 +214,7 @@ class Cycle:
         p = self.hierarchy.structure.prolongations[level]
         self._launch(_smooth_from_zero, level, rows.arguments() + [self.r[level]], [self.x[level]])
         self._launch(_residual, level, rows.arguments() + [self.r[level], self.x[level]], [self.t[level]])
-        self._launch_blocks(_restrict, p.coarse_count, [*_columns(p), self.t[level]], [self.r[level + 1]])
+        self._launch_blocks(_restrict, p.coarse_count, COLUMN_LANES, [*_columns(p), self.t[level]], [self.r[level + 1]])
         self._descend(level + 1)
         inputs = [p.rows.offsets, p.rows.columns, p.values, rows.inverse_diagonal, self.x[level + 1]]
         self._launch(_prolong, level, inputs, [self.x[level]])
@@ -228,12 +229,12 @@ class Cycle:
         moving = self.hierarchy.moving
         if moving.shape[0]:
             inputs = [self.hierarchy.inverse, moving, self.r[level]]
-            self._launch_blocks(_dense_product, moving.shape[0], inputs, [self.x[level]])
+            self._launch_blocks(_dense_product, moving.shape[0], LANES, inputs, [self.x[level]])
             return
         self._launch(_smooth_from_zero, level, rows.arguments() + [self.r[level]], [self.x[level]])
 
-    def _launch_blocks(self, kernel: wp.Kernel, count: int, inputs: list[Any], outputs: list[Any]) -> None:
-        wp.launch_tiled(kernel, dim=[count], inputs=inputs, outputs=outputs, block_dim=WARP_LANES, device=self.device)
+    def _launch_blocks(self, kernel: wp.Kernel, count: int, lanes: int, inputs: list[Any], outputs: list[Any]) -> None:
+        wp.launch_tiled(kernel, dim=[count], inputs=inputs, outputs=outputs, block_dim=lanes, device=self.device)
 
     def _launch(self, kernel: wp.Kernel, level: int, inputs: list[Any], outputs: list[Any]) -> None:
         wp.launch(kernel, dim=self.x[level].shape[0], inputs=inputs, outputs=outputs, device=self.device)
