@@ -11,6 +11,7 @@ from scipy.sparse.linalg import splu
 
 import oneform_warp as ow
 from oneform_warp.filters import read_mesh
+from oneform_warp.solvers import Solver
 
 BOX = 1e-5  # of the bounding box: what the default precision promises
 FORMATS = {".obj", ".off", ".ply", ".stl", ".glb"}
@@ -62,14 +63,15 @@ def direct_solution(graph: ow.Graph, x: np.ndarray, v: np.ndarray, held: np.ndar
     return y
 
 
-def test_the_armadillo_turns_its_arm_as_a_direct_solver_says(meshes: Path) -> None:
+@pytest.mark.parametrize("solver", [ow.CG(), ow.Multigrid(), ow.SuperLU()])
+def test_the_armadillo_turns_its_arm_as_a_direct_solver_says(solver: Solver, meshes: Path) -> None:
     pytest.importorskip("pymeshlab", reason="reads the files")
     mesh = read_mesh(meshes / "paper" / "libigl_armadillo.obj")
     x, box = mesh.positions, np.ptp(mesh.positions, axis=0).max()
     side = (x[:, 0] - x[:, 0].min()) / np.ptp(x[:, 0])
     held = (side > 0.35) & (side < 0.65)
     handles = [ow.Handle(held, held=True), ow.Handle(side < 0.12, axis="z", angle=90)]
-    deformer = ow.Deformer(x, mesh.faces)
+    deformer = ow.Deformer(x, mesh.faces, solver=solver)
     solution = deformer.solve(handles)
     assert solution.converged
     # Fields and positions both: the reference starts from the handles, not from our fields.
