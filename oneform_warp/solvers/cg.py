@@ -13,9 +13,8 @@ from oneform_warp.graph import Graph
 from oneform_warp.segments import launch_chunks, launch_components, sum_of_chunks
 from oneform_warp.solvers.loop import Loop
 from oneform_warp.solvers.precision import FLOAT32, in_both_precisions, precision_named
-from oneform_warp.solvers.refinement import Correction, State, Watch, refine
+from oneform_warp.solvers.refinement import Correction, Refining, State, Watch
 from oneform_warp.solvers.rows import LaplacianRows, scaled_right_hand_side
-from oneform_warp.solvers.solution import Progress, Solution
 from oneform_warp.solvers.system import System
 from oneform_warp.solvers.validation import check_limits
 
@@ -236,7 +235,7 @@ class _Iteration:
 
 
 @dataclass(frozen=True)
-class CG:
+class CG(Refining):
     """Preconditioned conjugate gradients: |codiff(v - dx)| <= tol |codiff v| per component and column.
 
     tol: relative to |codiff v|. max_iterations: over all restarts. dtype: of the inner iterations; positions and the
@@ -257,23 +256,3 @@ class CG:
         # In float64 the drift of a single pin is far below any tol.
         system = System.of(graph, pinned, attachment, anchored=precision is FLOAT32)
         return State(system, _Iteration(LaplacianRows.of(system, precision)))
-
-    def solve(
-        self,
-        state: State,
-        v: wp.array[wp.vec3d],
-        start: wp.array[wp.vec3d],
-        *,
-        target: wp.array[wp.vec3d] | None = None,
-        progress: Progress | None = None,
-    ) -> Solution:
-        """From `start` (n,), which holds the pinned values, to the minimiser for v (m,); all per node."""
-        return refine(
-            state,
-            v,
-            wp.clone(start),
-            target=start if target is None else target,
-            tol=self.tol,
-            max_iterations=self.max_iterations,
-            progress=progress,
-        )

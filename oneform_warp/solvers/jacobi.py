@@ -14,9 +14,8 @@ from oneform_warp.graph import Graph
 from oneform_warp.segments import launch_chunks, sum_chunks
 from oneform_warp.solvers.loop import Loop
 from oneform_warp.solvers.precision import in_both_precisions, precision_named
-from oneform_warp.solvers.refinement import Correction, State, Watch, refine
+from oneform_warp.solvers.refinement import Correction, Refining, State, Watch
 from oneform_warp.solvers.rows import LaplacianRows, scaled_right_hand_side
-from oneform_warp.solvers.solution import Progress, Solution
 from oneform_warp.solvers.system import System
 from oneform_warp.solvers.validation import check_limits
 
@@ -117,7 +116,7 @@ class _Sweep:
 
 
 @dataclass(frozen=True)
-class Jacobi:
+class Jacobi(Refining):
     """Sweeps x_i <- x_i + damping / L_ii * codiff(v - dx)_i, all nodes at once.
 
     damping: 2/3 converges on every graph; 1 never does on a bipartite one, whose checkerboard it turns over.
@@ -139,23 +138,3 @@ class Jacobi:
         """What depends on the graph and its pinned (n,) or attached (n,) nodes alone; serves any v and start."""
         system = System.of(graph, pinned, attachment)
         return State(system, _Sweep(LaplacianRows.of(system, precision_named(self.dtype)), self.damping))
-
-    def solve(
-        self,
-        state: State,
-        v: wp.array[wp.vec3d],
-        start: wp.array[wp.vec3d],
-        *,
-        target: wp.array[wp.vec3d] | None = None,
-        progress: Progress | None = None,
-    ) -> Solution:
-        """From `start` (n,), which holds the pinned values, towards the minimiser for v (m,); all per node."""
-        return refine(
-            state,
-            v,
-            wp.clone(start),
-            target=start if target is None else target,
-            tol=self.tol,
-            max_iterations=self.max_iterations,
-            progress=progress,
-        )

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from oneform_warp.solvers.solution import Progress, Solution, Status
 from oneform_warp.solvers.system import System
 
-__all__ = ["Correction", "Inner", "State", "Watch", "refine"]
+__all__ = ["Correction", "Inner", "Refining", "State", "Watch", "refine"]
 
 SAFETY = 0.5
 """The inner solver aims below the goal, since its residual drifts from the true one."""
@@ -135,6 +135,33 @@ def refine(
         log.restart(norms)
     system.anchors.restore(x, given)
     return log.solution(x, status, norms)
+
+
+class Refining:
+    """A solver whose `solve` is `refine`: its fields say how far, its states hold what improves x."""
+
+    tol: float
+    max_iterations: int
+
+    def solve(
+        self,
+        state: State,
+        v: wp.array[wp.vec3d],
+        start: wp.array[wp.vec3d],
+        *,
+        target: wp.array[wp.vec3d] | None = None,
+        progress: Progress | None = None,
+    ) -> Solution:
+        """From `start` (n,), which holds the pinned values, to the minimiser for v (m,); all per node."""
+        return refine(
+            state,
+            v,
+            wp.clone(start),
+            target=start if target is None else target,
+            tol=self.tol,
+            max_iterations=self.max_iterations,
+            progress=progress,
+        )
 
 
 class _Log:

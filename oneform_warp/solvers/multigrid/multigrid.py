@@ -16,9 +16,8 @@ from oneform_warp.solvers.loop import Loop, Recording
 from oneform_warp.solvers.multigrid.cycle import Cycle
 from oneform_warp.solvers.multigrid.hierarchy import hierarchy
 from oneform_warp.solvers.precision import FLOAT32, in_both_precisions, precision_named
-from oneform_warp.solvers.refinement import Correction, State, Watch, refine
+from oneform_warp.solvers.refinement import Correction, Refining, State, Watch
 from oneform_warp.solvers.rows import LaplacianRows, scaled_right_hand_side
-from oneform_warp.solvers.solution import Progress, Solution
 from oneform_warp.solvers.system import System
 from oneform_warp.solvers.validation import check_limits
 
@@ -151,7 +150,7 @@ class _Iteration:
 
 
 @dataclass(frozen=True)
-class Multigrid:
+class Multigrid(Refining):
     """CG preconditioned by smoothed aggregation: a dozen iterations at any size.
 
     What is used again: the structure of the hierarchy (aggregates, prolongations, patterns) belongs to the graph and
@@ -174,23 +173,3 @@ class Multigrid:
         system = System.of(graph, pinned, attachment, anchored=precision is FLOAT32)
         rows = LaplacianRows.of(system, precision)
         return State(system, _Iteration(rows, Cycle(hierarchy(system))))
-
-    def solve(
-        self,
-        state: State,
-        v: wp.array[wp.vec3d],
-        start: wp.array[wp.vec3d],
-        *,
-        target: wp.array[wp.vec3d] | None = None,
-        progress: Progress | None = None,
-    ) -> Solution:
-        """From `start` (n,), which holds the pinned values, to the minimiser for v (m,); all per node."""
-        return refine(
-            state,
-            v,
-            wp.clone(start),
-            target=start if target is None else target,
-            tol=self.tol,
-            max_iterations=self.max_iterations,
-            progress=progress,
-        )
