@@ -33,7 +33,8 @@ __all__ = ["Deformation", "Deformer", "deform"]
 class Deformation(Solution):
     """A Solution for a mesh, with everything on the way to it; `x` are the new positions, in x's shape and dtype.
 
-    What is large comes from the device when it is first asked for.
+    `status` is that of the positions, or of the fields where those did not converge; iterations, residual and history
+    are of the positions. What is large comes from the device when it is first asked for.
     """
 
     energy: float
@@ -158,7 +159,7 @@ class Deformer:
         fields: painted omega and sigma per vertex; handles then only hold. sweeps, length: how far handles reach,
         see `Smoothing`; default the harmonic limit. start: "rest", "previous", "min_depth", "maximal", "minimal",
         "zero", or positions (V, D); "previous" is the last solution of this Deformer.
-        A component with nothing held keeps its centroid. Raises InputError before any kernel runs.
+        A component with nothing held keeps its centroid. Raises InputError before anything is solved.
         """
         graph, rest = self.graph, self._rest
         clock = _Clock(graph.device)
@@ -182,7 +183,8 @@ class Deformer:
         notes += misfit_notes(phi, asked)
         return Deformation(
             x=rest.outside(solution.x),
-            status=solution.status,
+            # Positions that fit unfinished fields have not arrived either.
+            status=next((s.status for s in (*nodes.solutions, solution) if not s.converged), solution.status),
             iterations=solution.iterations,
             restarts=solution.restarts,
             residual=solution.residual[:, : rest.dimension] * rest.scale,

@@ -24,7 +24,7 @@ def kernel_modules() -> list[wp.Module]:
 
 
 def main() -> int:
-    wp.config.quiet = True
+    wp.config.log_level = wp.LOG_WARNING
     wp.init()
     began = time.perf_counter()
     modules = kernel_modules()

@@ -9,7 +9,7 @@ import pytest
 import warp as wp
 from hypothesis import HealthCheck, settings
 
-wp.config.quiet = True
+wp.config.log_level = wp.LOG_WARNING
 
 # Shared machines stall: no deadline on a single example. Derandomised, so that a red run can be repeated.
 settings.register_profile(

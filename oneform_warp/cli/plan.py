@@ -91,7 +91,7 @@ def _solver(settings: Settings, graph: Graph) -> Any:
     """The named solver, or the one that the library takes for this mesh, with the options that are given."""
     auto = settings.solver == "auto"
     base: Any = solvers.default_solver(graph) if auto else getattr(solvers, NAMES[settings.solver])()
-    known = {field.name for field in fields(base)}
+    known = {field.name for field in fields(base) if field.init}
     for option in settings.solver_options:
         if option not in known:
             raise InputError(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import warp as wp
@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from oneform_warp.errors import InputError
 from oneform_warp.solvers.direct.free_matrix import FreeMatrix
 from oneform_warp.solvers.precision import FLOAT64
-from oneform_warp.solvers.refinement import Correction, State, Watch, refine
-from oneform_warp.solvers.solution import Progress, Solution
+from oneform_warp.solvers.refinement import Correction, Refining, Watch
 from oneform_warp.solvers.system import System
 from oneform_warp.solvers.validation import check_limits
 
@@ -58,33 +57,14 @@ class HostCorrection:
 
 
 @dataclass(frozen=True)
-class Direct:
-    """The options and the outer loop of a direct solver; its own part is `prepare`."""
+class Direct(Refining):
+    """The options of a direct solver; its own part is `prepare`."""
 
     tol: float = 1.0e-6
+    max_iterations: int = field(default=CORRECTIONS, init=False, repr=False)
 
     def __post_init__(self) -> None:
         check_limits(self.tol, CORRECTIONS)
-
-    def solve(
-        self,
-        state: State,
-        v: wp.array[wp.vec3d],
-        start: wp.array[wp.vec3d],
-        *,
-        target: wp.array[wp.vec3d] | None = None,
-        progress: Progress | None = None,
-    ) -> Solution:
-        """From `start` (n,), which holds the pinned values, to the minimiser for v (m,); all per node."""
-        return refine(
-            state,
-            v,
-            wp.clone(start),
-            target=start if target is None else target,
-            tol=self.tol,
-            max_iterations=CORRECTIONS,
-            progress=progress,
-        )
 
 
 def singular(name: str, error: Exception) -> InputError:

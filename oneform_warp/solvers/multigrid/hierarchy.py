@@ -115,7 +115,7 @@ def hierarchy(system: System) -> Hierarchy:
 
 
 def _dense_inverse(rows: LaplacianRows) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """The pseudo-inverse of a small matrix over the nodes that move; too large a one gets its diagonal's."""
+    """The pseudo-inverse of a small matrix over the nodes that move; none for a large one, which is only smoothed."""
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import connected_components
 
