@@ -22,6 +22,9 @@ CHUNK = 512
 LANES = 128
 """Threads per block on CUDA; a CPU block has one."""
 
+MANY_LANES = 1024
+"""The same for the sums of a component with many chunks, which one block adds up."""
+
 
 @dataclass(frozen=True, eq=False)
 class Segments:
@@ -34,6 +37,8 @@ class Segments:
     chunk_component: wp.array[wp.int32]
     component_chunks: wp.array[wp.int32]
     """Chunks of component c: component_chunks[c] to component_chunks[c + 1]."""
+    component_lanes: int
+    """Threads per block where a block is a component."""
     device: Any
 
     @classmethod
@@ -50,7 +55,15 @@ class Segments:
         def upload(values: NDArray[np.int64]) -> wp.array[wp.int32]:
             return wp.array(values.astype(np.int32), dtype=wp.int32, device=device)
 
-        return cls(len(sizes), len(component), upload(offsets), upload(component), upload(component_chunks), device)
+        return cls(
+            component_count=len(sizes),
+            chunk_count=len(component),
+            chunk_offsets=upload(offsets),
+            chunk_component=upload(component),
+            component_chunks=upload(component_chunks),
+            component_lanes=LANES if chunks.max(initial=0) <= 2 * LANES else MANY_LANES,
+            device=device,
+        )
 
     def zeros(self) -> wp.array[wp.vec3d]:
         """One vec3d per component."""
@@ -82,7 +95,7 @@ def launch_components(
         dim=[segments.component_count],
         inputs=[segments.component_chunks, *inputs],
         outputs=list(outputs),
-        block_dim=LANES,
+        block_dim=segments.component_lanes,
         device=segments.device,
     )
 

@@ -60,7 +60,7 @@ class LaplacianRows:
     attachment: wp.array[Any]
     """(n,), or empty for none."""
     inverse_diagonal: wp.array[Any]
-    """1 / L_ii, (n,); zero marks the nodes that do not move."""
+    """1 / L_ii, (n,), or less where weights are negative; zero marks the nodes that do not move."""
     scale: float
     segments: Segments
     precision: Precision

@@ -210,10 +210,14 @@ def _coarse_values(
                         n += 1
                     weight_out[n] -= p * ap_values[a]
     diagonal = attached
+    reach = wp.float32(0.0)
     for n in range(begin, coarse_offsets[c + 1]):
         diagonal += weight_out[n]
+        reach += wp.abs(weight_out[n])
     attachment_out[c] = attached
-    inverse_diagonal_out[c] = wp.where(diagonal > 0.0, 1.0 / diagonal, 0.0)
+    # Coarse weights may be negative. Half the absolute row sum keeps the spectrum of D^-1 A in [0, 2], by Gershgorin.
+    bound = wp.max(diagonal, 0.5 * (diagonal + reach))
+    inverse_diagonal_out[c] = wp.where(diagonal > 0.0, 1.0 / bound, 0.0)
 
 
 def galerkin_values(rows: LaplacianRows, p: Prolongation, pattern: GalerkinPattern) -> LaplacianRows:

@@ -129,7 +129,7 @@ def _dense_inverse(rows: LaplacianRows) -> tuple[NDArray[np.float64], NDArray[np
     )
     inside = weights[moving][:, moving].toarray()
     attached = rows.attachment.numpy()[moving] if rows.attachment.shape[0] else np.zeros(len(moving))
-    matrix = np.diag(1.0 / inverse_diagonal[moving].astype(np.float64)) - (inside + inside.T) / 2.0
+    matrix = np.diag(weights.sum(axis=1)[moving] + attached) - (inside + inside.T) / 2.0
     labels = connected_components(csr_array(inside), directed=False)[1]
     for label in np.unique(labels):
         members = np.flatnonzero(labels == label)

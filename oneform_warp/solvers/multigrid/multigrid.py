@@ -28,26 +28,31 @@ Vector = wp.vec3
 
 
 @in_both_precisions
-def _step(
+def _shorten(
     chunk_offsets: wp.array[wp.int32],
     # Graph:
     chunk_component: wp.array[wp.int32],
     # In:
     alpha: wp.array[wp.vec3d],
-    p: wp.array[Vector],
     q: wp.array[Vector],
     # Out:
-    e_out: wp.array[wp.vec3d],
     r_out: wp.array[Vector],
-    single_out: wp.array[wp.vec3],
 ):
     k, lane = wp.tid()
     a = Vector(alpha[chunk_component[k]])
     for i in range(chunk_offsets[k] + lane, chunk_offsets[k + 1], wp.block_dim()):
-        e_out[i] = e_out[i] + wp.cw_mul(wp.vec3d(a), wp.vec3d(p[i]))
-        r = r_out[i] - wp.cw_mul(a, q[i])
-        r_out[i] = r
-        single_out[i] = wp.vec3(r)
+        r_out[i] = r_out[i] - wp.cw_mul(a, q[i])
+
+
+@in_both_precisions
+def _rounded(
+    # In:
+    r: wp.array[Vector],
+    # Out:
+    r_out: wp.array[wp.vec3],
+):
+    i = wp.tid()
+    r_out[i] = wp.vec3(r[i])
 
 
 @in_both_precisions
@@ -71,20 +76,25 @@ def _dots(
 
 
 @in_both_precisions
-def _direction(
+def _advance(
     chunk_offsets: wp.array[wp.int32],
     # Graph:
     chunk_component: wp.array[wp.int32],
     # In:
+    alpha: wp.array[wp.vec3d],
     beta: wp.array[wp.vec3d],
     z: wp.array[wp.vec3],
     # Out:
+    e_out: wp.array[wp.vec3d],
     p_out: wp.array[Vector],
 ):
     k, lane = wp.tid()
+    a = alpha[chunk_component[k]]
     b = Vector(beta[chunk_component[k]])
     for i in range(chunk_offsets[k] + lane, chunk_offsets[k + 1], wp.block_dim()):
-        p_out[i] = Vector(z[i]) + wp.cw_mul(b, p_out[i])
+        p = p_out[i]
+        e_out[i] = e_out[i] + wp.cw_mul(a, wp.vec3d(p))
+        p_out[i] = Vector(z[i]) + wp.cw_mul(b, p)
 
 
 class _Iteration:
@@ -97,6 +107,8 @@ class _Iteration:
         segments = rows.segments
         # Adding up e in float32 would round it, and the residual of that rounding is far above the goal.
         self.e = wp.zeros(self.r.shape[0], dtype=wp.vec3d, device=segments.device)
+        if rows.precision is FLOAT32:
+            cycle.r[0] = self.r
         self.pq, self.rz, self.rr = (segments.partials() for _ in range(3))
         self.alpha, self.beta, self.aim, self.rz_sum, self.rr_sum = (segments.zeros() for _ in range(5))
         self.begin = Recording(self._begin, segments.device)
@@ -123,30 +135,29 @@ class _Iteration:
         return norms
 
     def _begin(self) -> None:
-        for vector in (self.e, self.p, self.q, self.alpha, self.rz_sum):
+        for vector in (self.e, self.p, self.alpha, self.rz_sum):
             vector.zero_()
-        # A step of length zero copies r for the cycle; beta is zero, since rz was: the first direction is z.
-        self._advance()
+        # A step of length zero; and beta is zero, since rz was: the first direction is z.
+        self._turn()
 
     def _iterate(self) -> None:
-        rows, segments = self.rows, self.rows.segments
-        launch_chunks(product_and_dot(rows.precision), segments, [*rows.arguments(), self.p], [self.q, self.pq])
+        rows, segments, precision = self.rows, self.rows.segments, self.rows.precision
+        launch_chunks(product_and_dot(precision), segments, [*rows.arguments(), self.p], [self.q, self.pq])
         launch_components(alpha_of_components, segments, [self.pq, self.rz_sum, self.rr_sum, self.aim], [self.alpha])
-        self._advance()
+        launch_chunks(_shorten(precision), segments, [segments.chunk_component, self.alpha, self.q], [self.r])
+        self._turn()
 
-    def _advance(self) -> None:
-        segments, precision = self.rows.segments, self.rows.precision
-        launch_chunks(
-            _step(precision),
-            segments,
-            [segments.chunk_component, self.alpha, self.p, self.q],
-            [self.e, self.r, self.cycle.r[0]],
-        )
+    def _turn(self) -> None:
+        """From the new residual to the next direction, after the step along the last one."""
+        segments, precision, z = self.rows.segments, self.rows.precision, self.cycle.x[0]
+        if precision is not FLOAT32:
+            rounded = self.cycle.r[0]
+            wp.launch(_rounded(precision), dim=z.shape[0], inputs=[self.r], outputs=[rounded], device=z.device)
         self.cycle.run()
-        z = self.cycle.x[0]
         launch_chunks(_dots(precision), segments, [self.r, z], [self.rz, self.rr])
         launch_components(beta_of_components, segments, [self.rz, self.rr], [self.rz_sum, self.rr_sum, self.beta])
-        launch_chunks(_direction(precision), segments, [segments.chunk_component, self.beta, z], [self.p])
+        inputs = [segments.chunk_component, self.alpha, self.beta, z]
+        launch_chunks(_advance(precision), segments, inputs, [self.e, self.p])
 
 
 @dataclass(frozen=True)
