@@ -67,7 +67,7 @@ def test_imports_run_one_way() -> None:
 
 def test_solvers_import_one_way() -> None:
     order = [
-        "precision", "solution", "validation", "loop", "anchors", "system", "rows", "refinement", "jacobi", "cg", "multigrid", "direct",
+        "precision", "solution", "validation", "loop", "anchors", "goals", "system", "rows", "refinement", "jacobi", "cg", "multigrid", "direct",
         "solver", "states", "choice", "least_squares", "__init__",
     ]  # fmt: skip
     place = {name: number for number, name in enumerate(order)}

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from oneform_warp.graph import Graph
 from oneform_warp.segments import launch_chunks, launch_components, sum_of_chunks
+from oneform_warp.solvers.goals import Goals
 from oneform_warp.solvers.loop import Loop
 from oneform_warp.solvers.precision import FLOAT32, in_both_precisions, precision_named
 from oneform_warp.solvers.refinement import Correction, Refining, State, Watch
@@ -191,18 +192,11 @@ class _Iteration:
         self.alpha, self.beta, self.aim, self.rz_sum, self.rr_sum = (segments.zeros() for _ in range(5))
         self.loop = Loop(self._iterate, self.rr_sum, self.aim, batch=BATCH, device=segments.device)
 
-    def correct(
-        self,
-        r: wp.array[wp.vec3d],
-        norms: NDArray[np.float64],
-        aim: NDArray[np.float64],
-        budget: int,
-        watch: Watch | None,
-    ) -> Correction:
+    def correct(self, r: wp.array[wp.vec3d], goals: Goals, budget: int, watch: Watch | None) -> Correction:
         """See `refinement.Inner`."""
         rows, segments = self.rows, self.rows.segments
-        unit = scaled_right_hand_side(rows, r, norms, self.r)
-        self.aim.assign((aim / unit) ** 2)
+        scaled_right_hand_side(rows, r, goals.unit, self.r)
+        wp.copy(self.aim, goals.aim)
         launch_chunks(
             _start(rows.precision),
             segments,
@@ -210,12 +204,9 @@ class _Iteration:
             [self.e, self.p, self.rz, self.rr],
         )
         launch_components(beta_of_components, segments, [self.rz, self.rr], [self.rz_sum, self.rr_sum, self.beta])
-        done = self.loop.run(budget, None if watch is None else lambda count: watch(count, self._norms(unit)))
-        return Correction(self.e, rows.scale * unit, done)
-
-    def _norms(self, unit: float) -> NDArray[np.float64]:
-        norms: NDArray[np.float64] = unit * np.sqrt(self.rr_sum.numpy())
-        return norms
+        sizes = self.rr_sum
+        done = self.loop.run(budget, None if watch is None else lambda count: watch(count, goals.norms(sizes)))
+        return Correction(self.e, rows.scale, goals.unit, done)
 
     def _iterate(self) -> None:
         rows, segments, precision = self.rows, self.rows.segments, self.rows.precision

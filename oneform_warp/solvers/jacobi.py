@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from oneform_warp.errors import InputError
 from oneform_warp.graph import Graph
 from oneform_warp.segments import launch_chunks, sum_chunks
+from oneform_warp.solvers.goals import Goals
 from oneform_warp.solvers.loop import Loop
 from oneform_warp.solvers.precision import in_both_precisions, precision_named
 from oneform_warp.solvers.refinement import Correction, Refining, State, Watch
@@ -83,24 +84,15 @@ class _Sweep:
         self.aim = rows.segments.zeros()
         self.loop = Loop(self._iterate, self.rr_sum, self.aim, batch=BATCH, device=rows.segments.device)
 
-    def correct(
-        self,
-        r: wp.array[wp.vec3d],
-        norms: NDArray[np.float64],
-        aim: NDArray[np.float64],
-        budget: int,
-        watch: Watch | None,
-    ) -> Correction:
+    def correct(self, r: wp.array[wp.vec3d], goals: Goals, budget: int, watch: Watch | None) -> Correction:
         """See `refinement.Inner`."""
-        unit = scaled_right_hand_side(self.rows, r, norms, self.b)
+        scaled_right_hand_side(self.rows, r, goals.unit, self.b)
         self.e.zero_()
-        self.aim.assign((aim / unit) ** 2)
-        done = self.loop.run(budget, None if watch is None else lambda count: watch(count, self._norms(unit)))
-        return Correction(self.e, self.rows.scale * unit, done)
-
-    def _norms(self, unit: float) -> NDArray[np.float64]:
-        norms: NDArray[np.float64] = unit * np.sqrt(self.rr_sum.numpy())
-        return norms
+        wp.copy(self.aim, goals.aim)
+        wp.copy(self.rr_sum, goals.size)
+        sizes = self.rr_sum
+        done = self.loop.run(budget, None if watch is None else lambda count: watch(count, goals.norms(sizes)))
+        return Correction(self.e, self.rows.scale, goals.unit, done)
 
     def _iterate(self) -> None:
         rows, precision = self.rows, self.rows.precision

@@ -74,18 +74,18 @@ class Loop:
         self.one_batch = Recording(self._iterations, device)
         self.until_done: Any = None
 
-    def run(self, budget: int, watch: Callable[[int], bool] | None) -> int:
-        """At most `budget` iterations -> how many were made. watch(count) after every batch; true asks to stop.
+    def run(self, budget: int, watch: Callable[[int], bool] | None) -> Callable[[], int]:
+        """At most `budget` iterations -> how many were made, when asked. watch(count) after every batch; true stops.
 
-        Where nobody watches, a GPU decides by itself when to stop and the host waits once.
+        Where nobody watches, a GPU decides by itself when to stop, and the host need not wait.
         """
+        if self.one_batch.warm and self.device.is_cuda and watch is None and budget >= self.batch:
+            return self._until_done(budget)
         done, stopped = 0, False
-        if self.one_batch.warm and self.device.is_cuda and watch is None:
-            done = self._until_done(budget)
-        while done < budget and not stopped and (done == 0 or self._waiting()):
+        while done < budget and not stopped and self._waiting():
             done += self._some(min(self.batch, budget - done))
             stopped = watch is not None and watch(done)
-        return done
+        return lambda: done
 
     def _waiting(self) -> bool:
         return bool((self.rr.numpy() > self.aim.numpy()).any())
@@ -99,11 +99,9 @@ class Loop:
                 self.iterate()
         return count
 
-    def _until_done(self, budget: int) -> int:
+    def _until_done(self, budget: int) -> Callable[[], int]:
         """Whole batches until nothing waits, decided on the GPU."""
         whole = budget - budget % self.batch
-        if whole == 0:
-            return 0
         if self.until_done is None:
             self._look()
             with wp.ScopedCapture(device=self.device) as capture:
@@ -113,7 +111,7 @@ class Loop:
         self.left.fill_(whole + self.batch)
         self._look()
         wp.capture_launch(self.until_done)
-        return whole - int(self.left.numpy()[0])
+        return lambda: whole - int(self.left.numpy()[0])
 
     def _iterations(self) -> None:
         for _ in range(self.batch):

@@ -17,14 +17,12 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from oneform_warp.segments import Segments, launch_chunks
+from oneform_warp.solvers.goals import Goals
 from oneform_warp.solvers.solution import Progress, Solution, Status
 from oneform_warp.solvers.system import System
 
 __all__ = ["Correction", "Inner", "Refining", "State", "Watch", "refine"]
-
-SAFETY = 0.5
-"""The inner solver aims below the goal, since its residual drifts from the true one."""
-
 
 Watch = Callable[[int, NDArray[np.float64]], bool]
 """Called with the iterations of this correction and the recursion's residual norms; true asks to stop."""
@@ -32,11 +30,14 @@ Watch = Callable[[int, NDArray[np.float64]], bool]
 
 @dataclass(frozen=True, eq=False)
 class Correction:
-    """What an inner solver found: the displacement `scale * e` per node, after `iterations`."""
+    """What an inner solver found: the displacement scale * unit * e per node."""
 
     e: wp.array[Any]
     scale: float
-    iterations: int
+    unit: wp.array[wp.vec3d]
+    """Per component and column."""
+    iterations: Callable[[], int]
+    """How many were made, to be asked when there is nothing else to do: a GPU has to be waited for."""
 
 
 class Inner(Protocol):
@@ -46,15 +47,8 @@ class Inner(Protocol):
     def floor(self) -> float:
         """The relative residual that one correction can reach in its precision."""
 
-    def correct(
-        self,
-        r: wp.array[wp.vec3d],
-        norms: NDArray[np.float64],
-        aim: NDArray[np.float64],
-        budget: int,
-        watch: Watch | None,
-    ) -> Correction:
-        """From |r| = norms down to `aim` per component and column, in at most `budget` iterations."""
+    def correct(self, r: wp.array[wp.vec3d], goals: Goals, budget: int, watch: Watch | None) -> Correction:
+        """From |r| down to the aim per component and column, in at most `budget` iterations; zero where it is there."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,32 +61,26 @@ class State:
 
 @wp.kernel(enable_backward=False)
 def _add(
+    chunk_offsets: wp.array[wp.int32],
+    # Graph:
+    chunk_component: wp.array[wp.int32],
     # In:
-    e: wp.array[wp.vec3d],
+    e: wp.array[Any],
     scale: wp.float64,
+    unit: wp.array[wp.vec3d],
     # Out:
     x_out: wp.array[wp.vec3d],
 ):
-    i = wp.tid()
-    x_out[i] = x_out[i] + scale * e[i]
+    k, lane = wp.tid()
+    by = scale * unit[chunk_component[k]]
+    for i in range(chunk_offsets[k] + lane, chunk_offsets[k + 1], wp.block_dim()):
+        x_out[i] = x_out[i] + wp.cw_mul(by, wp.vec3d(e[i]))
 
 
-@wp.kernel(enable_backward=False)
-def _add_single(
-    # In:
-    e: wp.array[wp.vec3],
-    scale: wp.float64,
-    # Out:
-    x_out: wp.array[wp.vec3d],
-):
-    i = wp.tid()
-    x_out[i] = x_out[i] + scale * wp.vec3d(e[i])
-
-
-def add_correction(x: wp.array[wp.vec3d], correction: Correction) -> None:
+def add_correction(segments: Segments, x: wp.array[wp.vec3d], correction: Correction) -> None:
     """X <- x + e, in float64."""
-    kernel = _add if correction.e.dtype is wp.vec3d else _add_single
-    wp.launch(kernel, dim=x.shape[0], inputs=[correction.e, correction.scale], outputs=[x], device=x.device)
+    inputs = [segments.chunk_component, correction.e, wp.float64(correction.scale), correction.unit]
+    launch_chunks(_add, segments, inputs, [x])
 
 
 def refine(
@@ -108,33 +96,28 @@ def refine(
     """Improves x in place until |r| <= tol |codiff v| in every component and column; x holds the pinned values.
 
     Where v is co-closed to rounding, as v = 0 is, the residual of the start takes the place of |codiff v|; and no
-    column is asked for less than the rounding error of its own residual.
+    column is asked for less than the rounding error of its own residual. The host first looks at the residual after
+    the first correction, which is usually the last.
     """
-    system, inner = state.system, state.inner
+    system, inner, segments = state.system, state.inner, state.system.graph.segments
     given = wp.clone(x) if len(system.anchors.nodes) else x
-    r = wp.zeros_like(x)
-    norms = system.residual(x, v, target, r)
-    reference, rounding = system.scales(x, v)
-    goal = np.maximum(tol * np.where(reference > rounding, reference, norms), rounding)
-    log = _Log(goal, progress)
-    log.restart(norms)
-    previous = np.full_like(norms, np.inf)
+    r, before = wp.zeros_like(x), wp.empty_like(x)
+    goals = system.open(x, v, target, tol, r)
+    log = _Log(goals, max_iterations, progress)
     # Looking costs nothing on a CPU; a GPU is left alone unless somebody wants to know.
     watch = None if system.graph.device.is_cuda and progress is None else log.watch
-    while (status := _judge(norms, previous, log, max_iterations)) is None:
-        aim = np.maximum(SAFETY * goal, inner.floor * norms)
-        before = wp.clone(x)
-        correction = inner.correct(r, norms, aim, max_iterations - log.iterations, watch)
-        add_correction(x, correction)
-        log.iterations += correction.iterations
-        previous, norms = norms, system.residual(x, v, target, r)
-        if not np.isfinite(norms).all():
-            wp.copy(x, before)
-            system.anchors.restore(x, given)
-            return log.solution(x, Status.NON_FINITE, previous)
-        log.restart(norms)
+    status = None
+    while status is None:
+        wp.copy(before, x)
+        goals.take_aim(inner.floor)
+        correction = inner.correct(r, goals, log.budget, watch)
+        add_correction(segments, x, correction)
+        goals.measure(system.residual(x, v, target, r))
+        status = log.judge(correction)
+    if status is Status.NON_FINITE:
+        wp.copy(x, before)
     system.anchors.restore(x, given)
-    return log.solution(x, status, norms)
+    return log.solution(x, status)
 
 
 class Refining:
@@ -165,43 +148,54 @@ class Refining:
 
 
 class _Log:
-    """What happened so far in one solve."""
+    """What happened so far in one solve, on the host."""
 
-    def __init__(self, goal: NDArray[np.float64], progress: Progress | None) -> None:
-        self.goal, self.progress = goal, progress
-        self.iterations, self.restarts, self.cancelled = 0, -1, False
+    def __init__(self, goals: Goals, max_iterations: int, progress: Progress | None) -> None:
+        self.goals, self.max_iterations, self.progress = goals, max_iterations, progress
+        self.iterations, self.restarts, self.cancelled = 0, 0, False
         self.history: list[tuple[int, float]] = []
 
+    @property
+    def budget(self) -> int:
+        """Iterations that are left."""
+        return self.max_iterations - self.iterations
+
     def watch(self, count: int, norms: NDArray[np.float64]) -> bool:
-        ratio = worst(norms, self.goal)
+        ratio = worst(norms, self.goals.goal.numpy())
         self.history.append((self.iterations + count, ratio))
         if self.progress is not None and self.progress(self.iterations + count, ratio):
             self.cancelled = True
         return self.cancelled
 
-    def restart(self, norms: NDArray[np.float64]) -> None:
-        self.restarts += 1
-        self.history.append((self.iterations, worst(norms, self.goal)))
+    def judge(self, correction: Correction) -> Status | None:
+        """How the solve ends after this correction, None to go on; waits for the device."""
+        norms, before, goal = (a.numpy() for a in (self.goals.norm, self.goals.before, self.goals.goal))
+        if not self.history:
+            self.history.append((0, worst(before, goal)))
+        made = correction.iterations()
+        self.iterations += made
+        if made:
+            self.restarts += self.iterations > made
+            self.history.append((self.iterations, worst(norms, goal)))
+        if not np.isfinite(norms).all():
+            return Status.NON_FINITE
+        waiting = norms > goal
+        if not waiting.any():
+            return Status.CONVERGED
+        if self.cancelled:
+            return Status.CANCELLED
+        if self.iterations >= self.max_iterations:
+            return Status.MAX_ITERATIONS
+        # A restart that does not halve any waiting residual is at the limit of its precision.
+        if (norms > 0.5 * before)[waiting].all():
+            return Status.STAGNATED
+        return None
 
-    def solution(self, x: wp.array[wp.vec3d], status: Status, norms: NDArray[np.float64]) -> Solution:
-        return Solution(x, status, self.iterations, self.restarts, norms, self.goal, tuple(self.history))
-
-
-def _judge(norms: NDArray[np.float64], previous: NDArray[np.float64], log: _Log, max_iterations: int) -> Status | None:
-    """How the solve ends here, None to go on."""
-    if not np.isfinite(norms).all():
-        return Status.NON_FINITE
-    waiting = norms > log.goal
-    if not waiting.any():
-        return Status.CONVERGED
-    if log.cancelled:
-        return Status.CANCELLED
-    if log.iterations >= max_iterations:
-        return Status.MAX_ITERATIONS
-    # A restart that does not halve any waiting residual is at the limit of its precision.
-    if (norms > 0.5 * previous)[waiting].all():
-        return Status.STAGNATED
-    return None
+    def solution(self, x: wp.array[wp.vec3d], status: Status) -> Solution:
+        goals = self.goals
+        norms = goals.before if status is Status.NON_FINITE else goals.norm
+        found = norms.numpy(), goals.goal.numpy()
+        return Solution(x, status, self.iterations, self.restarts, *found, tuple(self.history))
 
 
 def worst(norms: NDArray[np.float64], goal: NDArray[np.float64]) -> float:

@@ -7,9 +7,8 @@ from typing import Any
 
 import numpy as np
 import warp as wp
-from numpy.typing import NDArray
 
-from oneform_warp.segments import Segments
+from oneform_warp.segments import Segments, launch_chunks
 from oneform_warp.solvers.precision import Precision, in_both_precisions
 from oneform_warp.solvers.system import System
 
@@ -95,26 +94,30 @@ class LaplacianRows:
 
 @in_both_precisions
 def _scaled(
+    chunk_offsets: wp.array[wp.int32],
+    # Graph:
+    chunk_component: wp.array[wp.int32],
     # In:
     r: wp.array[wp.vec3d],
-    factor: wp.float64,
+    unit: wp.array[wp.vec3d],
     # Out:
     r_out: wp.array[Vector],
 ):
-    i = wp.tid()
-    r_out[i] = Vector(factor * r[i])
+    k, lane = wp.tid()
+    u = unit[chunk_component[k]]
+    for i in range(chunk_offsets[k] + lane, chunk_offsets[k + 1], wp.block_dim()):
+        r_out[i] = Vector(wp.cw_div(r[i], u))
 
 
 def scaled_right_hand_side(
-    rows: LaplacianRows, r: wp.array[wp.vec3d], norms: NDArray[np.float64], r_out: wp.array[Any]
-) -> float:
-    """R times a power of two that brings its largest norm near 1, in the rows' precision -> the unit of |r|.
+    rows: LaplacianRows, r: wp.array[wp.vec3d], unit: wp.array[wp.vec3d], r_out: wp.array[Any]
+) -> None:
+    """R in units that bring its norms near 1, in the rows' precision.
 
     The displacement e that solves (scale L) e = r_out is in units of scale * unit.
     """
-    unit = power_of_two(float(norms.max()))
-    wp.launch(_scaled(rows.precision), dim=r.shape[0], inputs=[r, 1.0 / unit], outputs=[r_out], device=r.device)
-    return unit
+    segments = rows.segments
+    launch_chunks(_scaled(rows.precision), segments, [segments.chunk_component, r, unit], [r_out])
 
 
 def power_of_two(size: float) -> float:

@@ -9,10 +9,10 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from oneform_warp.forms import codifferential_at
 from oneform_warp.graph import Graph
-from oneform_warp.segments import launch_chunks, sum_chunks
+from oneform_warp.segments import launch_chunks
 from oneform_warp.solvers.anchors import Anchors
+from oneform_warp.solvers.goals import Goals
 
 __all__ = ["System", "residual_at"]
 
@@ -75,7 +75,7 @@ def _residual(
 
 
 @wp.kernel(enable_backward=False)
-def _scales(
+def _open(
     chunk_offsets: wp.array[wp.int32],
     # Graph:
     offsets: wp.array[wp.int32],
@@ -83,27 +83,46 @@ def _scales(
     incident: wp.array[wp.int32],
     mu: wp.array[wp.float64],
     # In:
+    pinned: wp.array[wp.int32],
+    attachment: wp.array[wp.float64],
+    target: wp.array[wp.vec3d],
     x: wp.array[wp.vec3d],
     v: wp.array[wp.vec3d],
     # Out:
+    r_out: wp.array[wp.vec3d],
+    square_out: wp.array[wp.vec3d],
     reference_out: wp.array[wp.vec3d],
     rounding_out: wp.array[wp.vec3d],
 ):
     k, lane = wp.tid()
+    square = wp.vec3d()
     reference = wp.vec3d()
     rounding = wp.vec3d()
     for i in range(chunk_offsets[k] + lane, chunk_offsets[k + 1], wp.block_dim()):
+        x_i = x[i]
+        b = wp.vec3d()
+        stretch = wp.vec3d()
         size = wp.vec3d()
         for h in range(offsets[i], offsets[i + 1]):
             e = wp.max(incident[h], ~incident[h])
-            reach = wp.abs(x[i]) + wp.abs(x[neighbours[h]])
+            x_j = x[neighbours[h]]
+            w = mu[e]
+            stretch += w * (x_j - x_i)
+            size += w * (wp.abs(x_i) + wp.abs(x_j))
             if v.shape[0] > 0:
-                reach += wp.abs(v[e])
-            size += mu[e] * reach
+                outgoing = wp.where(incident[h] < 0, -v[e], v[e])
+                b -= w * outgoing
+                size += w * wp.abs(outgoing)
+        r = wp.vec3d()
+        if pinned[i] == 0:
+            r = stretch + b
+            if attachment.shape[0] > 0:
+                r += attachment[i] * (target[i] - x_i)
+        r_out[i] = r
+        square += wp.cw_mul(r, r)
+        reference += wp.cw_mul(b, b)
         rounding += wp.cw_mul(size, size)
-        if v.shape[0] > 0:
-            b = codifferential_at(offsets, incident, mu, v, i)
-            reference += wp.cw_mul(b, b)
+    wp.tile_store(square_out, wp.tile_sum(wp.tile(square, preserve_type=True)), offset=k)
     wp.tile_store(reference_out, wp.tile_sum(wp.tile(reference, preserve_type=True)), offset=k)
     wp.tile_store(rounding_out, wp.tile_sum(wp.tile(rounding, preserve_type=True)), offset=k)
 
@@ -152,32 +171,35 @@ class System:
             anchors,
         )
 
+    def open(
+        self,
+        x: wp.array[wp.vec3d],
+        v: wp.array[wp.vec3d],
+        target: wp.array[wp.vec3d],
+        tol: float,
+        r_out: wp.array[wp.vec3d],
+    ) -> Goals:
+        """The residual of a start, as below, and the goals that v and the rounding errors of x and v set."""
+        segments = self.graph.segments
+        partial = [segments.partials() for _ in range(3)]
+        launch_chunks(_open, segments, self._inputs(x, v, target), [r_out, *partial])
+        goals = Goals(segments)
+        goals.set(partial, tol)
+        return goals
+
     def residual(
         self,
         x: wp.array[wp.vec3d],
         v: wp.array[wp.vec3d],
         target: wp.array[wp.vec3d],
         r_out: wp.array[wp.vec3d],
-    ) -> NDArray[np.float64]:
-        """R = codiff(v - dx) + w (t - x) at the free nodes, zero at pinned ones -> |r| per component and column."""
+    ) -> wp.array[wp.vec3d]:
+        """R = codiff(v - dx) + w (t - x) at the free nodes, zero at pinned ones -> partial sums of |r|^2 by column."""
+        partial = self.graph.segments.partials()
+        launch_chunks(_residual, self.graph.segments, self._inputs(x, v, target), [r_out, partial])
+        return partial
+
+    def _inputs(self, x: wp.array[wp.vec3d], v: wp.array[wp.vec3d], target: wp.array[wp.vec3d]) -> list[Any]:
         graph = self.graph
-        partial = graph.segments.partials()
-        inputs = [*self._rows(), self.pinned, self.attachment, target, x, v]
-        launch_chunks(_residual, graph.segments, inputs, [r_out, partial])
-        return self._norms(partial)
-
-    def scales(self, x: wp.array[wp.vec3d], v: wp.array[wp.vec3d]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """|codiff v|, and the size of the rounding errors in a float64 residual, per component and column."""
-        segments = self.graph.segments
-        reference, rounding = segments.partials(), segments.partials()
-        launch_chunks(_scales, segments, [*self._rows(), x, v], [reference, rounding])
-        return self._norms(reference), np.finfo(np.float64).eps * self._norms(rounding)
-
-    def _rows(self) -> list[Any]:
-        graph = self.graph
-        return [graph.offsets, graph.neighbours, graph.incident, graph.mu]
-
-    def _norms(self, partial: wp.array[wp.vec3d]) -> NDArray[np.float64]:
-        segments = self.graph.segments
-        norms: NDArray[np.float64] = np.sqrt(sum_chunks(segments, partial, segments.zeros()).numpy())
-        return norms
+        rows = [graph.offsets, graph.neighbours, graph.incident, graph.mu]
+        return [*rows, self.pinned, self.attachment, target, x, v]

@@ -11,12 +11,13 @@ from numpy.typing import NDArray
 
 from oneform_warp.errors import InputError
 from oneform_warp.solvers.direct.free_matrix import FreeMatrix
+from oneform_warp.solvers.goals import Goals
 from oneform_warp.solvers.precision import FLOAT64
 from oneform_warp.solvers.refinement import Correction, Refining, Watch
 from oneform_warp.solvers.system import System
 from oneform_warp.solvers.validation import check_limits
 
-__all__ = ["Direct", "HostCorrection", "Substitution", "singular"]
+__all__ = ["Direct", "HostCorrection", "Substitution", "nothing_to_do", "singular"]
 
 Substitution = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 """From right-hand sides (k, 3), rows of three together, to the solution, (k, 3)."""
@@ -40,20 +41,18 @@ class HostCorrection:
         self.e = wp.zeros(system.graph.node_count, dtype=wp.vec3d, device=system.graph.device)
         self.e_host = np.zeros((system.graph.node_count, 3))
 
-    def correct(
-        self,
-        r: wp.array[wp.vec3d],
-        norms: NDArray[np.float64],
-        aim: NDArray[np.float64],
-        budget: int,
-        watch: Watch | None,
-    ) -> Correction:
-        """See `refinement.Inner`; the whole correction is one iteration, `aim` and `budget` do not matter."""
+    def correct(self, r: wp.array[wp.vec3d], goals: Goals, budget: int, watch: Watch | None) -> Correction:
+        """See `refinement.Inner`; the whole correction is one iteration."""
         nodes = self.matrix.nodes
-        stop = watch is not None and watch(0, norms)
+        stop = nothing_to_do(goals, watch)
         self.e_host[nodes] = 0.0 if stop else self.substitute(r.numpy()[nodes])
         self.e.assign(self.e_host)
-        return Correction(self.e, self.matrix.scale, 0 if stop else 1)
+        return Correction(self.e, self.matrix.scale, goals.one, lambda: 0 if stop else 1)
+
+
+def nothing_to_do(goals: Goals, watch: Watch | None) -> bool:
+    """Whether the residual is small enough as it is, or somebody asks to stop."""
+    return goals.reached() or (watch is not None and watch(0, goals.norm.numpy()))
 
 
 @dataclass(frozen=True)

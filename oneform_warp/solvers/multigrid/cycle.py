@@ -6,6 +6,8 @@ is visited twice: it costs a hundredth of the first and saves a fifth of the ite
 
 from __future__ import annotations
 
+from typing import Any
+
 import warp as wp
 
 from oneform_warp.segments import LANES
@@ -146,5 +148,5 @@ class Cycle:
         smooth_from_zero(self.hierarchy.levels[level], self.lanes[level], self.r[level], self.x[level])
 
 
-def _columns(p: Prolongation) -> list[wp.array]:
+def _columns(p: Prolongation) -> list[Any]:
     return [p.column_offsets, p.row_of, p.column_values]

@@ -25,7 +25,6 @@ _SUM = """
 @wp.func_native(snippet=_SUM)
 def sum_over_lanes(part: wp.vec3, lanes: int) -> wp.vec3:
     """The sum of `part` over the lanes of a row, in a fixed order, for each of them; every thread must call it."""
-    ...
 
 
 def launch_rows(

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from oneform_warp.graph import Graph
 from oneform_warp.segments import launch_chunks, launch_components
 from oneform_warp.solvers.cg import alpha_of_components, beta_of_components, product_and_dot
+from oneform_warp.solvers.goals import Goals
 from oneform_warp.solvers.loop import Loop, Recording
 from oneform_warp.solvers.multigrid.cycle import Cycle
 from oneform_warp.solvers.multigrid.hierarchy import hierarchy
@@ -114,25 +115,15 @@ class _Iteration:
         self.begin = Recording(self._begin, segments.device)
         self.loop = Loop(self._iterate, self.rr_sum, self.aim, batch=1, device=segments.device)
 
-    def correct(
-        self,
-        r: wp.array[wp.vec3d],
-        norms: NDArray[np.float64],
-        aim: NDArray[np.float64],
-        budget: int,
-        watch: Watch | None,
-    ) -> Correction:
+    def correct(self, r: wp.array[wp.vec3d], goals: Goals, budget: int, watch: Watch | None) -> Correction:
         """See `refinement.Inner`."""
         rows = self.rows
-        unit = scaled_right_hand_side(rows, r, norms, self.r)
-        self.aim.assign((aim / unit) ** 2)
+        scaled_right_hand_side(rows, r, goals.unit, self.r)
+        wp.copy(self.aim, goals.aim)
         self.begin.run()
-        done = self.loop.run(budget, None if watch is None else lambda count: watch(count, self._norms(unit)))
-        return Correction(self.e, rows.scale * unit, done)
-
-    def _norms(self, unit: float) -> NDArray[np.float64]:
-        norms: NDArray[np.float64] = unit * np.sqrt(self.rr_sum.numpy())
-        return norms
+        sizes = self.rr_sum
+        done = self.loop.run(budget, None if watch is None else lambda count: watch(count, goals.norms(sizes)))
+        return Correction(self.e, rows.scale, goals.unit, done)
 
     def _begin(self) -> None:
         for vector in (self.e, self.p, self.alpha, self.rz_sum):
