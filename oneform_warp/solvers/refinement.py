@@ -106,6 +106,8 @@ def refine(
     log = _Log(goals, max_iterations, progress)
     # Looking costs nothing on a CPU; a GPU is left alone unless somebody wants to know.
     watch = None if system.graph.device.is_cuda and progress is None else log.watch
+    if watch is not None:
+        log.begin(goals.norm.numpy())
     status = None
     while status is None:
         wp.copy(before, x)
@@ -160,6 +162,9 @@ class _Log:
         """Iterations that are left."""
         return self.max_iterations - self.iterations
 
+    def begin(self, norms: NDArray[np.float64]) -> None:
+        self.history.append((0, worst(norms, self.goals.goal.numpy())))
+
     def watch(self, count: int, norms: NDArray[np.float64]) -> bool:
         ratio = worst(norms, self.goals.goal.numpy())
         self.history.append((self.iterations + count, ratio))
@@ -171,7 +176,7 @@ class _Log:
         """How the solve ends after this correction, None to go on; waits for the device."""
         norms, before, goal = (a.numpy() for a in (self.goals.norm, self.goals.before, self.goals.goal))
         if not self.history:
-            self.history.append((0, worst(before, goal)))
+            self.begin(before)
         made = correction.iterations()
         self.iterations += made
         if made:

@@ -24,7 +24,7 @@ COLUMN_LANES = 8
 ROW_LANES = 8
 """Threads that share one row of a level too small to fill a GPU with one each."""
 
-CROWDED = 200_000
+CROWDED = 40_000
 """Rows from which one thread each is best."""
 
 

@@ -130,11 +130,21 @@ def _dense_inverse(rows: LaplacianRows) -> tuple[NDArray[np.float64], NDArray[np
     inside = weights[moving][:, moving].toarray()
     attached = rows.attachment.numpy()[moving] if rows.attachment.shape[0] else np.zeros(len(moving))
     matrix = np.diag(weights.sum(axis=1)[moving] + attached) - (inside + inside.T) / 2.0
+    outside = np.ones(count, dtype=bool)
+    outside[moving] = False
+    held = attached + weights[moving][:, outside].sum(axis=1)
     labels = connected_components(csr_array(inside), directed=False)[1]
+    projections = []
     for label in np.unique(labels):
         members = np.flatnonzero(labels == label)
-        if not attached[members].any():
-            # Singular: the projector onto constants makes it regular and changes nothing that has mean zero.
+        if not held[members].any():
+            # Singular: made regular by the projector onto constants, which the inverse then loses again.
             block = np.ix_(members, members)
-            matrix[block] += matrix[members, members].mean() / len(members)
-    return np.linalg.inv(matrix), moving
+            projector = 1.0 / len(members)
+            size = matrix[members, members].mean()
+            matrix[block] += size * projector
+            projections.append((block, projector / size))
+    inverse = np.linalg.inv(matrix)
+    for block, projection in projections:
+        inverse[block] -= projection
+    return inverse, moving

@@ -10,10 +10,10 @@ import warp as wp
 from numpy.typing import NDArray
 
 from oneform_warp.graph import Graph
-from oneform_warp.segments import launch_chunks, launch_components
-from oneform_warp.solvers.cg import alpha_of_components, beta_of_components, product_and_dot
+from oneform_warp.segments import launch_chunks, launch_components, sum_of_chunks
+from oneform_warp.solvers.cg import alpha_of_components, product_and_dot
 from oneform_warp.solvers.goals import Goals
-from oneform_warp.solvers.loop import Loop, Recording
+from oneform_warp.solvers.loop import Loop
 from oneform_warp.solvers.multigrid.cycle import Cycle
 from oneform_warp.solvers.multigrid.hierarchy import hierarchy
 from oneform_warp.solvers.precision import FLOAT32, in_both_precisions, precision_named
@@ -26,23 +26,6 @@ __all__ = ["Multigrid"]
 
 Scalar = wp.float32
 Vector = wp.vec3
-
-
-@in_both_precisions
-def _shorten(
-    chunk_offsets: wp.array[wp.int32],
-    # Graph:
-    chunk_component: wp.array[wp.int32],
-    # In:
-    alpha: wp.array[wp.vec3d],
-    q: wp.array[Vector],
-    # Out:
-    r_out: wp.array[Vector],
-):
-    k, lane = wp.tid()
-    a = Vector(alpha[chunk_component[k]])
-    for i in range(chunk_offsets[k] + lane, chunk_offsets[k + 1], wp.block_dim()):
-        r_out[i] = r_out[i] - wp.cw_mul(a, q[i])
 
 
 @in_both_precisions
@@ -64,44 +47,119 @@ def _dots(
     z: wp.array[wp.vec3],
     # Out:
     rz_out: wp.array[wp.vec3d],
-    rr_out: wp.array[wp.vec3d],
+    z_out: wp.array[wp.vec3d],
 ):
     k, lane = wp.tid()
     rz = wp.vec3d()
-    rr = wp.vec3d()
+    total = wp.vec3d()
     for i in range(chunk_offsets[k] + lane, chunk_offsets[k + 1], wp.block_dim()):
-        rz += wp.cw_mul(wp.vec3d(r[i]), wp.vec3d(z[i]))
-        rr += wp.vec3d(wp.cw_mul(r[i], r[i]))
+        z_i = wp.vec3d(z[i])
+        rz += wp.cw_mul(wp.vec3d(r[i]), z_i)
+        total += z_i
     wp.tile_store(rz_out, wp.tile_sum(wp.tile(rz, preserve_type=True)), offset=k)
-    wp.tile_store(rr_out, wp.tile_sum(wp.tile(rr, preserve_type=True)), offset=k)
+    wp.tile_store(z_out, wp.tile_sum(wp.tile(total, preserve_type=True)), offset=k)
+
+
+@wp.kernel(enable_backward=False)
+def _beta(
+    component_chunks: wp.array[wp.int32],
+    # In:
+    mean: wp.array[wp.float64],
+    rz_partial: wp.array[wp.vec3d],
+    z_partial: wp.array[wp.vec3d],
+    r_sum: wp.array[wp.vec3d],
+    # Out:
+    rz_out: wp.array[wp.vec3d],
+    beta_out: wp.array[wp.vec3d],
+):
+    c, lane = wp.tid()
+    rz = wp.tile_extract(sum_of_chunks(component_chunks, rz_partial, c, lane), 0)
+    z = wp.tile_extract(sum_of_chunks(component_chunks, z_partial, c, lane), 0)
+    if lane == 0:
+        # Without the constants, see `_Iteration`.
+        rz -= mean[c] * wp.cw_mul(r_sum[c], z)
+        beta = wp.vec3d()
+        for d in range(3):
+            if rz_out[c][d] != wp.float64(0.0):
+                beta[d] = rz[d] / rz_out[c][d]
+        beta_out[c] = beta
+        rz_out[c] = rz
 
 
 @in_both_precisions
-def _advance(
+def _direction(
+    chunk_offsets: wp.array[wp.int32],
+    # Graph:
+    chunk_component: wp.array[wp.int32],
+    # In:
+    beta: wp.array[wp.vec3d],
+    z: wp.array[wp.vec3],
+    # Out:
+    p_out: wp.array[Vector],
+):
+    k, lane = wp.tid()
+    b = Vector(beta[chunk_component[k]])
+    for i in range(chunk_offsets[k] + lane, chunk_offsets[k + 1], wp.block_dim()):
+        p_out[i] = Vector(z[i]) + wp.cw_mul(b, p_out[i])
+
+
+@in_both_precisions
+def _step(
     chunk_offsets: wp.array[wp.int32],
     # Graph:
     chunk_component: wp.array[wp.int32],
     # In:
     alpha: wp.array[wp.vec3d],
-    beta: wp.array[wp.vec3d],
-    z: wp.array[wp.vec3],
+    p: wp.array[Vector],
+    q: wp.array[Vector],
     # Out:
     e_out: wp.array[wp.vec3d],
-    p_out: wp.array[Vector],
+    r_out: wp.array[Vector],
+    rr_out: wp.array[wp.vec3d],
+    sum_out: wp.array[wp.vec3d],
 ):
     k, lane = wp.tid()
     a = alpha[chunk_component[k]]
-    b = Vector(beta[chunk_component[k]])
+    rr = wp.vec3d()
+    total = wp.vec3d()
     for i in range(chunk_offsets[k] + lane, chunk_offsets[k + 1], wp.block_dim()):
-        p = p_out[i]
-        e_out[i] = e_out[i] + wp.cw_mul(a, wp.vec3d(p))
-        p_out[i] = Vector(z[i]) + wp.cw_mul(b, p)
+        e_out[i] = e_out[i] + wp.cw_mul(a, wp.vec3d(p[i]))
+        r = r_out[i] - wp.cw_mul(Vector(a), q[i])
+        r_out[i] = r
+        rr += wp.vec3d(wp.cw_mul(r, r))
+        total += wp.vec3d(r)
+    wp.tile_store(rr_out, wp.tile_sum(wp.tile(rr, preserve_type=True)), offset=k)
+    wp.tile_store(sum_out, wp.tile_sum(wp.tile(total, preserve_type=True)), offset=k)
+
+
+@wp.kernel(enable_backward=False)
+def _size(
+    component_chunks: wp.array[wp.int32],
+    # In:
+    mean: wp.array[wp.float64],
+    rr_partial: wp.array[wp.vec3d],
+    sum_partial: wp.array[wp.vec3d],
+    # Out:
+    rr_out: wp.array[wp.vec3d],
+    sum_out: wp.array[wp.vec3d],
+):
+    c, lane = wp.tid()
+    rr = wp.tile_extract(sum_of_chunks(component_chunks, rr_partial, c, lane), 0)
+    total = wp.tile_extract(sum_of_chunks(component_chunks, sum_partial, c, lane), 0)
+    if lane == 0:
+        # By rounding, the difference may be below zero.
+        rr_out[c] = wp.max(rr - mean[c] * wp.cw_mul(total, total), wp.vec3d())
+        sum_out[c] = total
 
 
 class _Iteration:
-    """The vectors of one system, allocated once, and the launches of one iteration."""
+    """The vectors of one system, allocated once, and the launches of one iteration.
 
-    def __init__(self, rows: LaplacianRows, cycle: Cycle) -> None:
+    Where nothing holds a component, L cannot reach the constants, but rounding in r does, and M answers them with its
+    largest gain: alpha = rz / pq would then grow without end. So they are left out of rz and rr.
+    """
+
+    def __init__(self, system: System, rows: LaplacianRows, cycle: Cycle) -> None:
         self.rows, self.cycle = rows, cycle
         self.floor = rows.precision.floor
         self.r, self.p, self.q = (rows.vectors() for _ in range(3))
@@ -110,45 +168,40 @@ class _Iteration:
         self.e = wp.zeros(self.r.shape[0], dtype=wp.vec3d, device=segments.device)
         if rows.precision is FLOAT32:
             cycle.r[0] = self.r
-        self.pq, self.rz, self.rr = (segments.partials() for _ in range(3))
-        self.alpha, self.beta, self.aim, self.rz_sum, self.rr_sum = (segments.zeros() for _ in range(5))
-        self.begin = Recording(self._begin, segments.device)
-        self.loop = Loop(self._iterate, self.rr_sum, self.aim, batch=1, device=segments.device)
+        self.partials = segments.partials(), segments.partials()
+        self.alpha, self.beta, self.aim = (segments.zeros() for _ in range(3))
+        self.rz, self.rr, self.r_sum = (segments.zeros() for _ in range(3))
+        counts = np.diff(system.graph.component_offsets)[: segments.component_count]
+        self.mean = wp.array(system.floating / np.maximum(counts, 1), dtype=wp.float64, device=segments.device)
+        self.loop = Loop(self._iterate, self.rr, self.aim, batch=1, device=segments.device)
 
     def correct(self, r: wp.array[wp.vec3d], goals: Goals, budget: int, watch: Watch | None) -> Correction:
         """See `refinement.Inner`."""
-        rows = self.rows
+        rows, sizes = self.rows, self.rr
         scaled_right_hand_side(rows, r, goals.unit, self.r)
         wp.copy(self.aim, goals.aim)
-        self.begin.run()
-        sizes = self.rr_sum
+        wp.copy(self.rr, goals.size)
+        # With rz zero, beta is zero, and the first direction is z; r is a codifferential, its sum is zero as well.
+        for vector in (self.e, self.p, self.rz, self.r_sum):
+            vector.zero_()
         done = self.loop.run(budget, None if watch is None else lambda count: watch(count, goals.norms(sizes)))
         return Correction(self.e, rows.scale, goals.unit, done)
 
-    def _begin(self) -> None:
-        for vector in (self.e, self.p, self.alpha, self.rz_sum):
-            vector.zero_()
-        # A step of length zero; and beta is zero, since rz was: the first direction is z.
-        self._turn()
-
     def _iterate(self) -> None:
-        rows, segments, precision = self.rows, self.rows.segments, self.rows.precision
-        launch_chunks(product_and_dot(precision), segments, [*rows.arguments(), self.p], [self.q, self.pq])
-        launch_components(alpha_of_components, segments, [self.pq, self.rz_sum, self.rr_sum, self.aim], [self.alpha])
-        launch_chunks(_shorten(precision), segments, [segments.chunk_component, self.alpha, self.q], [self.r])
-        self._turn()
-
-    def _turn(self) -> None:
-        """From the new residual to the next direction, after the step along the last one."""
-        segments, precision, z = self.rows.segments, self.rows.precision, self.cycle.x[0]
+        rows, segments, precision, z = self.rows, self.rows.segments, self.rows.precision, self.cycle.x[0]
+        first, second = self.partials
         if precision is not FLOAT32:
             rounded = self.cycle.r[0]
             wp.launch(_rounded(precision), dim=z.shape[0], inputs=[self.r], outputs=[rounded], device=z.device)
         self.cycle.run()
-        launch_chunks(_dots(precision), segments, [self.r, z], [self.rz, self.rr])
-        launch_components(beta_of_components, segments, [self.rz, self.rr], [self.rz_sum, self.rr_sum, self.beta])
-        inputs = [segments.chunk_component, self.alpha, self.beta, z]
-        launch_chunks(_advance(precision), segments, inputs, [self.e, self.p])
+        launch_chunks(_dots(precision), segments, [self.r, z], [first, second])
+        launch_components(_beta, segments, [self.mean, first, second, self.r_sum], [self.rz, self.beta])
+        launch_chunks(_direction(precision), segments, [segments.chunk_component, self.beta, z], [self.p])
+        launch_chunks(product_and_dot(precision), segments, [*rows.arguments(), self.p], [self.q, first])
+        launch_components(alpha_of_components, segments, [first, self.rz, self.rr, self.aim], [self.alpha])
+        inputs = [segments.chunk_component, self.alpha, self.p, self.q]
+        launch_chunks(_step(precision), segments, inputs, [self.e, self.r, first, second])
+        launch_components(_size, segments, [self.mean, first, second], [self.rr, self.r_sum])
 
 
 @dataclass(frozen=True)
@@ -174,4 +227,4 @@ class Multigrid(Refining):
         # In float64 the drift of a single pin is far below any tol.
         system = System.of(graph, pinned, attachment, anchored=precision is FLOAT32)
         rows = LaplacianRows.of(system, precision)
-        return State(system, _Iteration(rows, Cycle(hierarchy(system))))
+        return State(system, _Iteration(system, rows, Cycle(hierarchy(system))))
