@@ -18,7 +18,8 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from oneform_warp import filters as filters
     from oneform_warp import shapes as shapes
-    from oneform_warp.deformer import Deformation, Deformer, deform
+    from oneform_warp.deformation import Deformation
+    from oneform_warp.deformer import Deformer, deform
     from oneform_warp.errors import FileError, InputError, NotConverged, OneFormWarning
     from oneform_warp.exactness import cycle_residual, is_exact, path_integral
     from oneform_warp.fields import Fields, smooth_fields
@@ -31,7 +32,8 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 _HOME = {
-    "deformer": ["Deformation", "Deformer", "deform"],
+    "deformation": ["Deformation"],
+    "deformer": ["Deformer", "deform"],
     "errors": ["FileError", "InputError", "NotConverged", "OneFormWarning"],
     "exactness": ["cycle_residual", "is_exact", "path_integral"],
     "fields": ["Fields", "smooth_fields"],

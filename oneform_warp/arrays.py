@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from oneform_warp.errors import InputError
 
-__all__ = ["Rows", "read_pairs", "read_rows", "to_device", "vertex_mask"]
+__all__ = ["Rows", "as_numpy", "read_pairs", "read_rows", "to_device", "vertex_mask"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,12 +82,17 @@ def to_device(data: NDArray[np.float64], device: Any) -> wp.array[wp.vec3d]:
     return wp.array(data, dtype=wp.vec3d, device=device, copy=True)
 
 
+def as_numpy(values: Any) -> NDArray[Any]:
+    """A NumPy view of what the caller gave; a Warp array on a GPU is copied."""
+    return np.asarray(values.numpy() if isinstance(values, wp.array) else values)
+
+
 def vertex_mask(vertices: Any, vertex_count: int, where: str = "fixed") -> NDArray[np.bool_]:
     """Vertices by index or mask, None for none -> mask (V,). InputError for numbers out of range or a wrong length."""
     mask = np.zeros(vertex_count, dtype=bool)
     if vertices is None:
         return mask
-    chosen = np.atleast_1d(np.asarray(vertices.numpy() if isinstance(vertices, wp.array) else vertices))
+    chosen = np.atleast_1d(as_numpy(vertices))
     if chosen.dtype == bool:
         if chosen.shape != (vertex_count,):
             raise InputError(

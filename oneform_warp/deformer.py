@@ -2,76 +2,40 @@
 
 from __future__ import annotations
 
-import time
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
-import numpy as np
 import warp as wp
-from numpy.typing import NDArray
 
 from oneform_warp.arrays import Rows, read_rows
 from oneform_warp.centroids import keep_centroids
+from oneform_warp.deformation import Deformation, Stages
 from oneform_warp.errors import InputError, NotConverged, OneFormWarning
 from oneform_warp.fields import Fields, NodeFields, Smoothing, node_fields
-from oneform_warp.forms import node_differential, node_energy, node_transform
+from oneform_warp.forms import node_transformed_differential
 from oneform_warp.graph import Graph
-from oneform_warp.handles import Handle, held_nodes
-from oneform_warp.notes import bare_notes, field_notes, misfit_notes
+from oneform_warp.grip import Grip
+from oneform_warp.handles import Handle
 from oneform_warp.rest import Rest
-from oneform_warp.solvers import Progress, Solution, Solver, States, default_solver
+from oneform_warp.solvers import Progress, Solver, States, default_solver
 from oneform_warp.starts import Problem, Start, read_start
 from oneform_warp.weights import Weights
 
-__all__ = ["Deformation", "Deformer", "deform"]
+__all__ = ["Deformer", "deform"]
 
 
-@dataclass(frozen=True, eq=False)
-class Deformation(Solution):
-    """A Solution for a mesh, with everything on the way to it; `x` are the new positions, in x's shape and dtype.
-
-    `status` is that of the positions, or of the fields where those did not converge; iterations, residual and history
-    are of the positions. What is large comes from the device when it is first asked for.
-    """
-
-    energy: float
-    """phi(x) = sum mu_ij |x_j - x_i - v_ij|^2, in squared units of x."""
-    warnings: tuple[str, ...]
-    seconds: dict[str, float]
-    """Wall time of each stage."""
-    _nodes: NodeFields
-    _form: wp.array[wp.vec3d]
-    _begin: wp.array[wp.vec3d]
-    _rest: Rest
-
-    @cached_property
-    def fields(self) -> Fields:
-        """omega and sigma per vertex."""
-        return self._nodes.per_vertex(self._rest.graph, self._rest.dimension)
-
-    @property
-    def omega(self) -> Any:
-        """The rotation vectors in radians, (V, 3); D = 2: angles (V,); D = 1: None."""
-        return self.fields.omega
-
-    @property
-    def sigma(self) -> Any:
-        """The stretches, (V,)."""
-        return self.fields.sigma
-
-    @cached_property
-    def v(self) -> NDArray[np.float64]:
-        """The 1-form, (m, D) on `graph.edges`, in the unit of x."""
-        form: NDArray[np.float64] = self._form.numpy()[:, : self._rest.dimension] * self._rest.scale
-        return form
-
-    @cached_property
-    def estimate(self) -> Any:
-        """The start that the solver improved, like x; with start="maximal" the paper's tree estimate."""
-        return self._rest.outside(self._begin)
+@wp.kernel(enable_backward=False)
+def _keep_held(
+    # In:
+    held: wp.array[wp.int32],
+    rest: wp.array[wp.vec3d],
+    # Out:
+    x_out: wp.array[wp.vec3d],
+):
+    i = wp.tid()
+    if held[i] != 0:
+        x_out[i] = rest[i]
 
 
 class Deformer:
@@ -130,6 +94,7 @@ class Deformer:
     def _rest_on(self, rows: Rows) -> None:
         self._rest = Rest(rows, self.graph)
         self._previous: wp.array[wp.vec3d] | None = None
+        self._grip: Grip | None = None
         self._states = States(self._solver, self.graph)
 
     def deform(self, handles: Sequence[Handle] = (), **options: Any) -> Any:
@@ -162,50 +127,51 @@ class Deformer:
         A component with nothing held keeps its centroid. Raises InputError before anything is solved.
         """
         graph, rest = self.graph, self._rest
-        clock = _Clock(graph.device)
+        stages = Stages(graph.device)
         handles = list(handles)
-        held = held_nodes(graph, handles)
+        grip = self._grip_of(handles)
         make_start = read_start(start, graph, rest.dimension, rest.inside)
-        nodes = self._fields(handles, fields, Smoothing(sweeps, length))
-        clock.stop("fields")
-        v = node_transform(graph, node_differential(graph, rest.x), nodes.omega, nodes.sigma)
-        clock.stop("1-form")
-        begin = self._pinned(make_start(Problem(graph, rest.x, v, self._previous)), held)
-        clock.stop("start")
-        state = self._states.of(held)
-        clock.stop("prepare")
+        nodes = self._fields(grip, handles, fields, Smoothing(sweeps, length))
+        stages.stop("fields")
+        v = node_transformed_differential(graph, rest.x, nodes.omega, nodes.sigma)
+        stages.stop("1-form")
+        begin = self._held(make_start(Problem(graph, rest.x, v, self._previous)), grip)
+        stages.stop("start")
+        state = self._states.of(grip.held)
+        stages.stop("prepare")
         solution = self._solver.solve(state, v, begin, progress=progress)
         keep_centroids(graph, state.system.floating, solution.x, rest.x)
         self._previous = solution.x
-        clock.stop("solve")
-        notes = [*field_notes(graph, nodes), *([] if fields is not None else bare_notes(graph, handles))]
-        phi, asked = node_energy(graph, solution.x, v)
-        notes += misfit_notes(phi, asked)
+        stages.stop("solve")
         return Deformation(
-            x=rest.outside(solution.x),
-            # Positions that fit unfinished fields have not arrived either.
-            status=next((s.status for s in (*nodes.solutions, solution) if not s.converged), solution.status),
-            iterations=solution.iterations,
-            restarts=solution.restarts,
-            residual=solution.residual[:, : rest.dimension] * rest.scale,
-            goal=solution.goal[:, : rest.dimension] * rest.scale,
-            history=solution.history,
-            energy=phi * rest.scale**2,
-            warnings=tuple(notes),
-            seconds=clock.seconds,
+            solution=solution,
+            _grip=grip if fields is None else None,
             _nodes=nodes,
             _form=v,
             _begin=begin,
             _rest=rest,
+            _stages=stages,
         )
 
-    def _fields(self, handles: list[Handle], fields: Fields | None, smoothing: Smoothing) -> NodeFields:
+    def check(self, handles: Sequence[Handle]) -> None:
+        """InputError for handles that are empty, contradict each other or turn what D cannot; nothing is solved."""
+        grip = self._grip_of(list(handles))
+        grip.rotations(handles, self._rest.dimension)
+        grip.log_stretches(handles)
+
+    def _grip_of(self, handles: Sequence[Handle]) -> Grip:
+        """Made anew only where handles take hold of other vertices than the last time."""
+        if self._grip is None or not self._grip.serves(handles):
+            self._grip = Grip.of(self.graph, handles)
+        return self._grip
+
+    def _fields(self, grip: Grip, handles: Sequence[Handle], fields: Fields | None, smoothing: Smoothing) -> NodeFields:
         if fields is None:
             scaled = smoothing
             if smoothing.length is not None:
                 scaled = Smoothing(length=smoothing.length / self._rest.scale)
             return node_fields(
-                self.graph,
+                grip,
                 handles,
                 dimension=self._rest.dimension,
                 smoothing=scaled,
@@ -221,15 +187,14 @@ class Deformer:
                 )
         return NodeFields.of(self.graph, fields, self._rest.dimension)
 
-    def _pinned(self, begin: wp.array[wp.vec3d], held: NDArray[np.bool_]) -> wp.array[wp.vec3d]:
+    def _held(self, begin: wp.array[wp.vec3d], grip: Grip) -> wp.array[wp.vec3d]:
         """The start with what must not move at rest: held nodes, and those without an edge."""
         if begin is self._rest.x:
             return begin
-        values, rest = begin.numpy().copy(), self._rest.x.numpy()
-        fixed = held.copy()
-        fixed[self.graph.component_offsets[self.graph.solved_components] :] = True
-        values[fixed] = rest[fixed]
-        return wp.array(values, dtype=wp.vec3d, device=self.graph.device)
+        x = wp.clone(begin)
+        inputs = [grip.held_on_device, self._rest.x]
+        wp.launch(_keep_held, dim=x.shape[0], inputs=inputs, outputs=[x], device=self.graph.device)
+        return x
 
 
 def deform(
@@ -261,16 +226,3 @@ def deform(
         device=device,
     )
     return deformer.deform(handles, **options)
-
-
-class _Clock:
-    """Wall time of each stage, with the device's queue empty at every stop."""
-
-    def __init__(self, device: Any) -> None:
-        self.device, self.seconds = device, dict[str, float]()
-        self.last = time.perf_counter()
-
-    def stop(self, stage: str) -> None:
-        wp.synchronize_device(self.device)
-        now = time.perf_counter()
-        self.seconds[stage], self.last = now - self.last, now

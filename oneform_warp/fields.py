@@ -10,11 +10,12 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from oneform_warp.arrays import read_rows, to_device
+from oneform_warp.arrays import read_rows
 from oneform_warp.errors import InputError
 from oneform_warp.forms import read_fields
 from oneform_warp.graph import Graph
-from oneform_warp.handles import Handle, Pins, rotation_pins, stretch_pins
+from oneform_warp.grip import Grip, Pins
+from oneform_warp.handles import Handle
 from oneform_warp.solvers import Jacobi, Solution, Solver, States, default_solver
 
 __all__ = ["JUMP_LIMIT", "Fields", "NodeFields", "Smoothing", "fast_edges", "smooth_fields"]
@@ -111,42 +112,36 @@ def vertex_areas(graph: Graph, x: wp.array[wp.vec3d]) -> NDArray[np.float64]:
 
 
 def spread(
-    graph: Graph, pins: Pins, smoothing: Smoothing, x: wp.array[wp.vec3d], states: States
+    pins: Pins, values: NDArray[np.float64], smoothing: Smoothing, x: wp.array[wp.vec3d], states: States
 ) -> tuple[wp.array[wp.vec3d], Solution | None]:
-    """The smooth 0-form with the pinned values: min sum mu_ij |omega_j - omega_i|^2; components without pins get 0."""
-    if not pins.values.any():
+    """The smooth 0-form with the pinned values: min sum mu_ij |omega_j - omega_i|^2; components without pins get 0.
+
+    values: (handles, 3).
+    """
+    graph = pins.graph
+    if not values.any():
         return wp.zeros(graph.node_count, dtype=wp.vec3d, device=graph.device), None
     no_form = wp.zeros(0, dtype=wp.vec3d, device=graph.device)
+    nowhere = np.zeros((graph.component_count, 3))
     if smoothing.sweeps is not None:
         sweeper = Jacobi(tol=0.0, max_iterations=int(smoothing.sweeps))
         state = sweeper.prepare(graph, pins.mask)
-        return sweeper.solve(state, no_form, to_device(pins.values, graph.device)).x, None
+        return sweeper.solve(state, no_form, pins.spread_out(values, nowhere)).x, None
     if smoothing.length is not None:
         state = states.of(pins.mask, vertex_areas(graph, x) / smoothing.length**2)
-        start, target = pins.values, wp.zeros(graph.node_count, dtype=wp.vec3d, device=graph.device)
-    else:
-        # Constant data then spread exactly: the mean is already the answer.
-        state = states.of(pins.mask)
-        start, target = np.where(pins.mask[:, None], pins.values, _component_means(graph, pins)), None
-    solution = states.solver.solve(state, no_form, to_device(start, graph.device), target=target)
+        target = wp.zeros(graph.node_count, dtype=wp.vec3d, device=graph.device)
+        solution = states.solver.solve(state, no_form, pins.spread_out(values, nowhere), target=target)
+        return solution.x, solution
+    start = pins.spread_out(values, pins.means(values))
+    if np.array_equal(*pins.extremes(values)):
+        # Constant data spread exactly: the mean is already the answer.
+        return start, None
+    solution = states.solver.solve(states.of(pins.mask), no_form, start)
     return solution.x, solution
 
 
-def _component_means(graph: Graph, pins: Pins) -> NDArray[np.float64]:
-    """The mean of the pinned values of each node's component, (n, 3); zero where nothing is pinned."""
-    component, count = graph.node_component[pins.mask], graph.component_count
-    number = np.maximum(np.bincount(component, minlength=count), 1)
-    low, high = np.full((count, 3), np.inf), np.full((count, 3), -np.inf)
-    np.minimum.at(low, component, pins.values[pins.mask])
-    np.maximum.at(high, component, pins.values[pins.mask])
-    sums = [np.bincount(component, column, count) for column in pins.values[pins.mask].T]
-    # A mean of equal values may differ from them by rounding; take the value itself.
-    means = np.where(low == high, low, np.stack(sums, axis=1) / number[:, None])
-    return np.where(np.isfinite(means), means, 0.0)[graph.node_component]
-
-
 def node_fields(
-    graph: Graph,
+    grip: Grip,
     handles: Sequence[Handle],
     *,
     dimension: int,
@@ -155,10 +150,10 @@ def node_fields(
     states: States,
 ) -> NodeFields:
     """omega and sigma per node from handles; log sigma is what is smoothed, so that sigma stays positive."""
-    turns = rotation_pins(graph, handles, dimension)
-    stretches = stretch_pins(graph, handles)
-    omega, first = spread(graph, turns, smoothing, x, states)
-    log_sigma, second = spread(graph, stretches, smoothing, x, states)
+    graph = grip.graph
+    turns, stretches = grip.rotations(handles, dimension), grip.log_stretches(handles)
+    omega, first = spread(grip.turned, turns, smoothing, x, states)
+    log_sigma, second = spread(grip.stretched, stretches, smoothing, x, states)
     sigma = wp.empty(graph.node_count, dtype=wp.float64, device=graph.device)
     wp.launch(_exponential, dim=graph.node_count, inputs=[log_sigma], outputs=[sigma], device=graph.device)
     return NodeFields(omega, sigma, tuple(s for s in (first, second) if s is not None))
@@ -185,7 +180,7 @@ def smooth_fields(
         raise InputError("a screening length needs positions", where="length", fix="pass x as well")
     data = np.zeros((graph.vertex_count, 3)) if x is None else read_rows(x, graph.vertex_count, "x").data
     nodes = node_fields(
-        graph,
+        Grip.of(graph, handles),
         handles,
         dimension=dimension,
         smoothing=smoothing,

@@ -140,6 +140,34 @@ def node_transform(
     return v
 
 
+@wp.kernel(enable_backward=False)
+def _transformed_differential(
+    # Graph:
+    tail: wp.array[wp.int32],
+    head: wp.array[wp.int32],
+    # In:
+    x: wp.array[wp.vec3d],
+    omega: wp.array[wp.vec3d],
+    sigma: wp.array[wp.float64],
+    # Out:
+    v_out: wp.array[wp.vec3d],
+):
+    e = wp.tid()
+    i = tail[e]
+    j = head[e]
+    v_out[e] = transform_edge(omega[i], omega[j], sigma[i], sigma[j], x[j] - x[i])
+
+
+def node_transformed_differential(
+    graph: Graph, x: wp.array[wp.vec3d], omega: wp.array[wp.vec3d], sigma: wp.array[wp.float64]
+) -> wp.array[wp.vec3d]:
+    """v_ij = sigma_ij R(omega_ij) (x_j - x_i) with everything per node, on the device."""
+    v = wp.empty(graph.edge_count, dtype=wp.vec3d, device=graph.device)
+    inputs = [graph.tail, graph.head, x, omega, sigma]
+    wp.launch(_transformed_differential, dim=graph.edge_count, inputs=inputs, outputs=[v], device=graph.device)
+    return v
+
+
 def transform(graph: Graph, dx: Any, omega: Any, sigma: Any) -> Any:
     """v_ij = sigma_ij R(omega_ij) dx_ij, omega_ij the mean of its ends' vectors, sigma_ij their geometric mean.
 

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from copy import copy
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from oneform_warp.arrays import vertex_mask
+from oneform_warp.arrays import as_numpy, vertex_mask
 from oneform_warp.errors import InputError
-from oneform_warp.graph import Graph
 
-__all__ = ["Handle", "Pins", "held_nodes", "rotation_pins", "stretch_pins"]
+__all__ = ["Handle", "check_dimension"]
 
 AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
@@ -70,20 +69,42 @@ class Handle:
         ):
             object.__setattr__(self, field, value)
 
-    def mask(self, vertex_count: int, number: int) -> NDArray[np.bool_]:
-        """The handle's vertices as a mask (V,); InputError when there are none or they do not fit the mesh."""
-        mask = vertex_mask(self.vertices, vertex_count, self.label(number))
-        if not mask.any():
+    def members(self, vertex_count: int, number: int) -> NDArray[np.int64]:
+        """The handle's vertices, ascending; InputError when there are none or they do not fit the mesh."""
+        chosen = np.flatnonzero(vertex_mask(self.vertices, vertex_count, self.label(number)))
+        if not len(chosen):
             raise InputError(
                 "no vertex is selected",
                 where=self.label(number),
                 fix="check the selection that makes this handle",
             )
-        return mask
+        return chosen
+
+    def alone(self) -> Handle:
+        """The same handle with its own copy of the vertices, which nobody can change."""
+        twin = copy(self)
+        own = np.array(as_numpy(self.vertices))
+        own.flags.writeable = False
+        object.__setattr__(twin, "vertices", own)
+        return twin
+
+    def holds_like(self, other: Handle) -> bool:
+        """Whether both take hold of the same vertices in the same way; by what angle or factor does not matter."""
+        return (
+            self.held == other.held
+            and (self.rotation is None) == (other.rotation is None)
+            and (self.stretch is None) == (other.stretch is None)
+            and _same(as_numpy(self.vertices), as_numpy(other.vertices))
+        )
 
     def label(self, number: int) -> str:
         """The handle's name for messages, its number where it has none."""
         return f"handle {number}" if self.name is None else f"handle {self.name!r}"
+
+
+def _same(a: NDArray[Any], b: NDArray[Any]) -> bool:
+    """Whether two spellings of vertices are equal; a mask is no list of numbers."""
+    return a.dtype.kind == b.dtype.kind and np.array_equal(a, b)
 
 
 def _rotation_vector(
@@ -134,70 +155,8 @@ def _axis(axis: Any, where: str) -> NDArray[np.float64]:
     return vector / length
 
 
-@dataclass(frozen=True, eq=False)
-class Pins:
-    """Nodes whose value is given, and the values."""
-
-    mask: NDArray[np.bool_]
-    """(n,)"""
-    values: NDArray[np.float64]
-    """(n, 3), zero where nothing is given."""
-
-
-def rotation_pins(graph: Graph, handles: Sequence[Handle], dimension: int) -> Pins:
-    """The rotation vectors that handles set at nodes; InputError where two handles disagree, or D has no such turn."""
-    for number, handle in enumerate(handles):
-        _check_dimension(handle, number, dimension)
-    return _pins(graph, handles, "rotations", lambda handle: handle.rotation)
-
-
-def stretch_pins(graph: Graph, handles: Sequence[Handle]) -> Pins:
-    """Log sigma that handles set at nodes, in the first column; InputError where two handles disagree."""
-    return _pins(
-        graph,
-        handles,
-        "stretches",
-        lambda handle: None if handle.stretch is None else np.array([np.log(handle.stretch), 0.0, 0.0]),
-    )
-
-
-def held_nodes(graph: Graph, handles: Sequence[Handle]) -> NDArray[np.bool_]:
-    """The nodes that keep their positions, (n,)."""
-    held = np.zeros(graph.node_count, dtype=bool)
-    for number, handle in enumerate(handles):
-        if handle.held:
-            held[graph.node_of[handle.mask(graph.vertex_count, number)]] = True
-    return held
-
-
-def _pins(
-    graph: Graph,
-    handles: Sequence[Handle],
-    kind: str,
-    value_of: Callable[[Handle], NDArray[np.float64] | None],
-) -> Pins:
-    owner = np.full(graph.node_count, -1)
-    values = np.zeros((graph.node_count, 3))
-    for number, handle in enumerate(handles):
-        vertices = np.flatnonzero(handle.mask(graph.vertex_count, number))
-        value = value_of(handle)
-        if value is None:
-            continue
-        nodes = graph.node_of[vertices]
-        clash = (owner[nodes] >= 0) & (values[nodes] != value).any(axis=1)
-        if clash.any():
-            vertex = vertices[np.argmax(clash)]
-            other = int(owner[graph.node_of[vertex]])
-            raise InputError(
-                f"{handles[other].label(other)} and {handle.label(number)} give different {kind}",
-                where=f"vertex {vertex}",
-                fix="let handles overlap only where they agree (welded vertices count as one)",
-            )
-        owner[nodes], values[nodes] = number, value
-    return Pins(owner >= 0, values)
-
-
-def _check_dimension(handle: Handle, number: int, dimension: int) -> None:
+def check_dimension(handle: Handle, number: int, dimension: int) -> None:
+    """InputError for a rotation that dimension D does not have."""
     turn = handle.rotation
     if turn is None or not turn.any():
         return

@@ -6,7 +6,7 @@ import numpy as np
 
 from oneform_warp.fields import JUMP_LIMIT, NodeFields, fast_edges
 from oneform_warp.graph import Graph
-from oneform_warp.handles import Handle
+from oneform_warp.grip import Grip
 
 __all__ = ["bare_notes", "field_notes", "misfit_notes"]
 
@@ -27,12 +27,9 @@ def field_notes(graph: Graph, nodes: NodeFields) -> list[str]:
     return notes
 
 
-def bare_notes(graph: Graph, handles: list[Handle]) -> list[str]:
+def bare_notes(grip: Grip) -> list[str]:
     """Names the components that no handle touches."""
-    touched = np.zeros(graph.component_count, dtype=bool)
-    for number, handle in enumerate(handles):
-        touched[graph.components[handle.mask(graph.vertex_count, number)]] = True
-    bare = np.flatnonzero(~touched)
+    graph, bare = grip.graph, np.flatnonzero(~grip.touched)
     if not len(bare):
         return []
     sizes = np.bincount(graph.components, minlength=graph.component_count)

@@ -15,7 +15,7 @@ from oneform_warp.cli.terminal import ProgressLine, Stopwatch, start_warp
 
 if TYPE_CHECKING:
     from oneform_warp.cli.plan import Plan
-    from oneform_warp.deformer import Deformation
+    from oneform_warp.deformation import Deformation
 
 __all__ = ["NOT_CONVERGED", "command"]
 

@@ -13,13 +13,14 @@ from oneform_warp.cli.mesh_facts import box_text
 from oneform_warp.cli.selections import select_vertices
 from oneform_warp.cli.settings import Settings, weld_length
 from oneform_warp.cli.specs import HandleSpec
-from oneform_warp.deformer import Deformation, Deformer
+from oneform_warp.deformation import Deformation
+from oneform_warp.deformer import Deformer
 from oneform_warp.errors import FileError, InputError
 from oneform_warp.fields import Smoothing
 from oneform_warp.filters import MeshFile
 from oneform_warp.filters.meshfile import WRITABLE
 from oneform_warp.graph import Graph
-from oneform_warp.handles import Handle, rotation_pins, stretch_pins
+from oneform_warp.handles import Handle
 from oneform_warp.solvers import Progress
 
 __all__ = ["Plan", "handle_text", "make_plan"]
@@ -71,9 +72,7 @@ def make_plan(mesh: MeshFile, specs: Sequence[HandleSpec], settings: Settings, o
         device=settings.device,
     )
     deformer = Deformer(mesh.positions, graph, solver=_solver(settings, graph))
-    # For their checks alone: handles must not contradict each other, and a dry run solves nothing.
-    rotation_pins(graph, handles, 3)
-    stretch_pins(graph, handles)
+    deformer.check(handles)
     return Plan(mesh, specs, handles, deformer, settings)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from oneform_warp import __version__
 from oneform_warp.cli.plan import Plan, handle_text
-from oneform_warp.deformer import Deformation
+from oneform_warp.deformation import Deformation
 from oneform_warp.solvers.refinement import worst
 
 __all__ = ["mesh_line", "report_json", "report_lines"]
