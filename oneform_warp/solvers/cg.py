@@ -181,45 +181,44 @@ def _direction(
 class _Iteration:
     """The vectors of one system, allocated once, and the launches of one iteration."""
 
-    def __init__(self, rows: LaplacianRows) -> None:
-        self.rows = rows
+    def __init__(self, goals: Goals, rows: LaplacianRows) -> None:
+        self.goals, self.rows = goals, rows
         self.floor = rows.precision.floor
         self.r, self.p, self.q = (rows.vectors() for _ in range(3))
         segments = rows.segments
         # Adding up e in float32 would round it, and the residual of that rounding is far above the goal.
         self.e = wp.zeros(self.r.shape[0], dtype=wp.vec3d, device=segments.device)
         self.pq, self.rz, self.rr = (segments.partials() for _ in range(3))
-        self.alpha, self.beta, self.aim, self.rz_sum, self.rr_sum = (segments.zeros() for _ in range(5))
-        self.loop = Loop(self._iterate, self.rr_sum, self.aim, batch=BATCH, device=segments.device)
+        self.alpha, self.beta, self.rz_sum = (segments.zeros() for _ in range(3))
+        self.loop = Loop(self._iterate, goals.size, goals.aim, batch=BATCH, device=segments.device)
 
-    def correct(self, r: wp.array[wp.vec3d], goals: Goals, budget: int, watch: Watch | None) -> Correction:
+    def correct(self, r: wp.array[wp.vec3d], budget: int, watch: Watch | None) -> Correction:
         """See `refinement.Inner`."""
+        goals = self.goals
         rows, segments = self.rows, self.rows.segments
         scaled_right_hand_side(rows, r, goals.unit, self.r)
-        wp.copy(self.aim, goals.aim)
         launch_chunks(
             _start(rows.precision),
             segments,
             [rows.inverse_diagonal, self.r],
             [self.e, self.p, self.rz, self.rr],
         )
-        launch_components(beta_of_components, segments, [self.rz, self.rr], [self.rz_sum, self.rr_sum, self.beta])
-        sizes = self.rr_sum
-        done = self.loop.run(budget, None if watch is None else lambda count: watch(count, goals.norms(sizes)))
+        launch_components(beta_of_components, segments, [self.rz, self.rr], [self.rz_sum, goals.size, self.beta])
+        done = self.loop.run(budget, None if watch is None else lambda count: watch(count, goals.norms()))
         return Correction(self.e, rows.scale, goals.unit, done)
 
     def _iterate(self) -> None:
-        rows, segments, precision = self.rows, self.rows.segments, self.rows.precision
+        goals, rows, segments, precision = self.goals, self.rows, self.rows.segments, self.rows.precision
         diagonal = rows.inverse_diagonal
         launch_chunks(product_and_dot(precision), segments, [*rows.arguments(), self.p], [self.q, self.pq])
-        launch_components(alpha_of_components, segments, [self.pq, self.rz_sum, self.rr_sum, self.aim], [self.alpha])
+        launch_components(alpha_of_components, segments, [self.pq, self.rz_sum, goals.size, goals.aim], [self.alpha])
         launch_chunks(
             _step(precision),
             segments,
             [segments.chunk_component, diagonal, self.alpha, self.p, self.q],
             [self.e, self.r, self.rz, self.rr],
         )
-        launch_components(beta_of_components, segments, [self.rz, self.rr], [self.rz_sum, self.rr_sum, self.beta])
+        launch_components(beta_of_components, segments, [self.rz, self.rr], [self.rz_sum, goals.size, self.beta])
         launch_chunks(
             _direction(precision), segments, [segments.chunk_component, diagonal, self.beta, self.r], [self.p]
         )
@@ -246,4 +245,4 @@ class CG(Refining):
         precision = precision_named(self.dtype)
         # In float64 the drift of a single pin is far below any tol.
         system = System.of(graph, pinned, attachment, anchored=precision is FLOAT32)
-        return State(system, _Iteration(LaplacianRows.of(system, precision)))
+        return State(system, _Iteration(system.goals, LaplacianRows.of(system, precision)))

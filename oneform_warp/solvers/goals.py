@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 import warp as wp
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 
 from oneform_warp.segments import Segments, launch_components, sum_of_chunks
 
-__all__ = ["Goals"]
+__all__ = ["Account", "Goals"]
 
 SAFETY = wp.constant(wp.float64(0.5))
 """The inner solver aims below the goal, since its residual drifts from the true one."""
@@ -53,11 +54,13 @@ def _norm(
     # In:
     square: wp.array[wp.vec3d],
     # Out:
+    before_out: wp.array[wp.vec3d],
     norm_out: wp.array[wp.vec3d],
 ):
     c, lane = wp.tid()
     total = wp.tile_extract(sum_of_chunks(component_chunks, square, c, lane), 0)
     if lane == 0:
+        before_out[c] = norm_out[c]
         norm_out[c] = wp.vec3d(wp.sqrt(total[0]), wp.sqrt(total[1]), wp.sqrt(total[2]))
 
 
@@ -89,12 +92,26 @@ def _aim(
     aim_out[c] = aim
 
 
+class Account(NamedTuple):
+    """Norms on the host, (components with edges, 3) each."""
+
+    norm: NDArray[np.float64]
+    before: NDArray[np.float64]
+    goal: NDArray[np.float64]
+
+
 class Goals:
-    """|r| per component and column, the norm at which it is small enough, and the same in units that float32 holds."""
+    """|r| per component and column, the norm at which it is small enough, and the same in units that float32 holds.
+
+    `unit` is a power of two near |r|, `size` is |r / unit|^2, and `aim` is what size should become. Solvers on the
+    same system share the arrays.
+    """
 
     def __init__(self, segments: Segments) -> None:
         self.segments = segments
-        self.norm, self.before, self.goal = (segments.zeros() for _ in range(3))
+        # Together, so that the host fetches them at once; Warp makes no views of empty arrays.
+        self._table = wp.zeros((3, max(segments.component_count, 1)), dtype=wp.vec3d, device=segments.device)
+        self.norm, self.before, self.goal = (self._table[k] for k in range(3))
         self.unit, self.size, self.aim = (segments.zeros() for _ in range(3))
 
     def set(self, squares: Sequence[wp.array[wp.vec3d]], tol: float) -> None:
@@ -106,27 +123,23 @@ class Goals:
 
     def measure(self, square: wp.array[wp.vec3d]) -> None:
         """|r| from partial sums of its squares; the last one becomes `before`."""
-        self.norm, self.before = self.before, self.norm
-        launch_components(_norm, self.segments, [square], [self.norm])
+        launch_components(_norm, self.segments, [square], [self.before, self.norm])
 
     def take_aim(self, floor: float) -> None:
-        """For the next correction: unit, a power of two near |r|; size = |r / unit|^2; aim, what size should become.
-
-        floor: the smallest part of |r| that the correction can reach in its precision.
-        """
+        """Unit, size and aim of the next correction; floor: the part of |r| that it can reach in its precision."""
         inputs, outputs = [self.norm, self.goal, floor], [self.unit, self.size, self.aim]
         wp.launch(_aim, dim=self.segments.component_count, inputs=inputs, outputs=outputs, device=self.segments.device)
 
-    def reached(self) -> bool:
-        """Whether every residual is small enough; waits for the device. Norms that are not numbers are not."""
-        return bool((self.norm.numpy() <= self.goal.numpy()).all())
+    def account(self) -> Account:
+        """What came of it; waits for the device."""
+        return Account(*self._table.numpy()[:, : self.segments.component_count])
 
     @property
     def one(self) -> wp.array[wp.vec3d]:
         """The unit of a correction that needs none."""
         return wp.full(self.segments.component_count, wp.vec3d(1.0), dtype=wp.vec3d, device=self.segments.device)
 
-    def norms(self, sizes: wp.array[wp.vec3d]) -> NDArray[np.float64]:
-        """Squared norms in units -> norms, on the host."""
-        norms: NDArray[np.float64] = self.unit.numpy() * np.sqrt(sizes.numpy())
+    def norms(self) -> NDArray[np.float64]:
+        """The norms that `size` has come down to, on the host."""
+        norms: NDArray[np.float64] = self.unit.numpy() * np.sqrt(self.size.numpy())
         return norms

@@ -76,22 +76,19 @@ def _relax(
 class _Sweep:
     """The vectors of one system, allocated once, and the launches of one sweep."""
 
-    def __init__(self, rows: LaplacianRows, damping: float) -> None:
-        self.rows, self.damping = rows, damping
+    def __init__(self, goals: Goals, rows: LaplacianRows, damping: float) -> None:
+        self.goals, self.rows, self.damping = goals, rows, damping
         self.floor = rows.precision.floor
         self.b, self.e, self.r = (rows.vectors() for _ in range(3))
-        self.rr, self.rr_sum = rows.segments.partials(), rows.segments.zeros()
-        self.aim = rows.segments.zeros()
-        self.loop = Loop(self._iterate, self.rr_sum, self.aim, batch=BATCH, device=rows.segments.device)
+        self.rr = rows.segments.partials()
+        self.loop = Loop(self._iterate, goals.size, goals.aim, batch=BATCH, device=rows.segments.device)
 
-    def correct(self, r: wp.array[wp.vec3d], goals: Goals, budget: int, watch: Watch | None) -> Correction:
+    def correct(self, r: wp.array[wp.vec3d], budget: int, watch: Watch | None) -> Correction:
         """See `refinement.Inner`."""
+        goals = self.goals
         scaled_right_hand_side(self.rows, r, goals.unit, self.b)
         self.e.zero_()
-        wp.copy(self.aim, goals.aim)
-        wp.copy(self.rr_sum, goals.size)
-        sizes = self.rr_sum
-        done = self.loop.run(budget, None if watch is None else lambda count: watch(count, goals.norms(sizes)))
+        done = self.loop.run(budget, None if watch is None else lambda count: watch(count, goals.norms()))
         return Correction(self.e, self.rows.scale, goals.unit, done)
 
     def _iterate(self) -> None:
@@ -104,7 +101,7 @@ class _Sweep:
             outputs=[self.e],
             device=rows.segments.device,
         )
-        sum_chunks(rows.segments, self.rr, self.rr_sum)
+        sum_chunks(rows.segments, self.rr, self.goals.size)
 
 
 @dataclass(frozen=True)
@@ -129,4 +126,4 @@ class Jacobi(Refining):
     def prepare(self, graph: Graph, pinned: NDArray[np.bool_], attachment: NDArray[np.float64] | None = None) -> State:
         """What depends on the graph and its pinned (n,) or attached (n,) nodes alone; serves any v and start."""
         system = System.of(graph, pinned, attachment)
-        return State(system, _Sweep(LaplacianRows.of(system, precision_named(self.dtype)), self.damping))
+        return State(system, _Sweep(system.goals, LaplacianRows.of(system, precision_named(self.dtype)), self.damping))

@@ -17,8 +17,8 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from oneform_warp.segments import Segments, launch_chunks
-from oneform_warp.solvers.goals import Goals
+from oneform_warp.graph import Graph
+from oneform_warp.solvers.goals import Account, Goals
 from oneform_warp.solvers.solution import Progress, Solution, Status
 from oneform_warp.solvers.system import System
 
@@ -47,7 +47,7 @@ class Inner(Protocol):
     def floor(self) -> float:
         """The relative residual that one correction can reach in its precision."""
 
-    def correct(self, r: wp.array[wp.vec3d], goals: Goals, budget: int, watch: Watch | None) -> Correction:
+    def correct(self, r: wp.array[wp.vec3d], budget: int, watch: Watch | None) -> Correction:
         """From |r| down to the aim per component and column, in at most `budget` iterations; zero where it is there."""
 
 
@@ -61,64 +61,67 @@ class State:
 
 @wp.kernel(enable_backward=False)
 def _add(
-    chunk_offsets: wp.array[wp.int32],
     # Graph:
-    chunk_component: wp.array[wp.int32],
+    component: wp.array[wp.int32],
     # In:
+    x: wp.array[wp.vec3d],
     e: wp.array[Any],
     scale: wp.float64,
     unit: wp.array[wp.vec3d],
     # Out:
     x_out: wp.array[wp.vec3d],
 ):
-    k, lane = wp.tid()
-    by = scale * unit[chunk_component[k]]
-    for i in range(chunk_offsets[k] + lane, chunk_offsets[k + 1], wp.block_dim()):
-        x_out[i] = x_out[i] + wp.cw_mul(by, wp.vec3d(e[i]))
+    i = wp.tid()
+    c = component[i]
+    by = wp.vec3d()
+    # Components without an edge have no unit, and stay.
+    if c < unit.shape[0]:
+        by = scale * wp.cw_mul(unit[c], wp.vec3d(e[i]))
+    x_out[i] = x[i] + by
 
 
-def add_correction(segments: Segments, x: wp.array[wp.vec3d], correction: Correction) -> None:
-    """X <- x + e, in float64."""
-    inputs = [segments.chunk_component, correction.e, wp.float64(correction.scale), correction.unit]
-    launch_chunks(_add, segments, inputs, [x])
+def corrected(graph: Graph, x: wp.array[wp.vec3d], correction: Correction) -> wp.array[wp.vec3d]:
+    """X + e, in float64."""
+    result = wp.empty_like(x)
+    inputs = [graph.component_of_node, x, correction.e, wp.float64(correction.scale), correction.unit]
+    wp.launch(_add, dim=x.shape[0], inputs=inputs, outputs=[result], device=x.device)
+    return result
 
 
 def refine(
     state: State,
     v: wp.array[wp.vec3d],
-    x: wp.array[wp.vec3d],
+    start: wp.array[wp.vec3d],
     *,
     target: wp.array[wp.vec3d],
     tol: float,
     max_iterations: int,
     progress: Progress | None = None,
 ) -> Solution:
-    """Improves x in place until |r| <= tol |codiff v| in every component and column; x holds the pinned values.
+    """From `start`, which holds the pinned values, to |r| <= tol |codiff v| in every component and column.
 
     Where v is co-closed to rounding, as v = 0 is, the residual of the start takes the place of |codiff v|; and no
     column is asked for less than the rounding error of its own residual. The host first looks at the residual after
     the first correction, which is usually the last.
     """
-    system, inner, segments = state.system, state.inner, state.system.graph.segments
-    given = wp.clone(x) if len(system.anchors.nodes) else x
-    r, before = wp.zeros_like(x), wp.empty_like(x)
-    goals = system.open(x, v, target, tol, r)
+    system, inner, goals = state.system, state.inner, state.system.goals
+    x, r = start, wp.empty_like(start)
+    system.open(x, v, target, tol, r)
     log = _Log(goals, max_iterations, progress)
     # Looking costs nothing on a CPU; a GPU is left alone unless somebody wants to know.
     watch = None if system.graph.device.is_cuda and progress is None else log.watch
     if watch is not None:
-        log.begin(goals.norm.numpy())
+        log.begin(goals.account().norm)
     status = None
     while status is None:
-        wp.copy(before, x)
         goals.take_aim(inner.floor)
-        correction = inner.correct(r, goals, log.budget, watch)
-        add_correction(segments, x, correction)
-        goals.measure(system.residual(x, v, target, r))
+        correction = inner.correct(r, log.budget, watch)
+        before, x = x, corrected(system.graph, x, correction)
+        system.residual(x, v, target, r)
         status = log.judge(correction)
     if status is Status.NON_FINITE:
-        wp.copy(x, before)
-    system.anchors.restore(x, given)
+        x = wp.clone(before)
+    system.anchors.restore(x, start)
     return log.solution(x, status)
 
 
@@ -141,7 +144,7 @@ class Refining:
         return refine(
             state,
             v,
-            wp.clone(start),
+            start,
             target=start if target is None else target,
             tol=self.tol,
             max_iterations=self.max_iterations,
@@ -156,6 +159,7 @@ class _Log:
         self.goals, self.max_iterations, self.progress = goals, max_iterations, progress
         self.iterations, self.restarts, self.cancelled = 0, 0, False
         self.history: list[tuple[int, float]] = []
+        self.account: Account
 
     @property
     def budget(self) -> int:
@@ -163,10 +167,10 @@ class _Log:
         return self.max_iterations - self.iterations
 
     def begin(self, norms: NDArray[np.float64]) -> None:
-        self.history.append((0, worst(norms, self.goals.goal.numpy())))
+        self.history.append((0, worst(norms, self.goals.account().goal)))
 
     def watch(self, count: int, norms: NDArray[np.float64]) -> bool:
-        ratio = worst(norms, self.goals.goal.numpy())
+        ratio = worst(norms, self.goals.account().goal)
         self.history.append((self.iterations + count, ratio))
         if self.progress is not None and self.progress(self.iterations + count, ratio):
             self.cancelled = True
@@ -174,7 +178,7 @@ class _Log:
 
     def judge(self, correction: Correction) -> Status | None:
         """How the solve ends after this correction, None to go on; waits for the device."""
-        norms, before, goal = (a.numpy() for a in (self.goals.norm, self.goals.before, self.goals.goal))
+        self.account = norms, before, goal = self.goals.account()
         if not self.history:
             self.begin(before)
         made = correction.iterations()
@@ -197,10 +201,9 @@ class _Log:
         return None
 
     def solution(self, x: wp.array[wp.vec3d], status: Status) -> Solution:
-        goals = self.goals
-        norms = goals.before if status is Status.NON_FINITE else goals.norm
-        found = norms.numpy(), goals.goal.numpy()
-        return Solution(x, status, self.iterations, self.restarts, *found, tuple(self.history))
+        norms, before, goal = self.account
+        reached = before if status is Status.NON_FINITE else norms
+        return Solution(x, status, self.iterations, self.restarts, reached, goal, tuple(self.history))
 
 
 def worst(norms: NDArray[np.float64], goal: NDArray[np.float64]) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -178,14 +179,10 @@ class System:
         target: wp.array[wp.vec3d],
         tol: float,
         r_out: wp.array[wp.vec3d],
-    ) -> Goals:
+    ) -> None:
         """The residual of a start, as below, and the goals that v and the rounding errors of x and v set."""
-        segments = self.graph.segments
-        partial = [segments.partials() for _ in range(3)]
-        launch_chunks(_open, segments, self._inputs(x, v, target), [r_out, *partial])
-        goals = Goals(segments)
-        goals.set(partial, tol)
-        return goals
+        launch_chunks(_open, self.graph.segments, self._inputs(x, v, target), [r_out, *self._partials])
+        self.goals.set(self._partials, tol)
 
     def residual(
         self,
@@ -193,11 +190,19 @@ class System:
         v: wp.array[wp.vec3d],
         target: wp.array[wp.vec3d],
         r_out: wp.array[wp.vec3d],
-    ) -> wp.array[wp.vec3d]:
-        """R = codiff(v - dx) + w (t - x) at the free nodes, zero at pinned ones -> partial sums of |r|^2 by column."""
-        partial = self.graph.segments.partials()
-        launch_chunks(_residual, self.graph.segments, self._inputs(x, v, target), [r_out, partial])
-        return partial
+    ) -> None:
+        """R = codiff(v - dx) + w (t - x) at the free nodes, zero at pinned ones; `goals` get its norms."""
+        launch_chunks(_residual, self.graph.segments, self._inputs(x, v, target), [r_out, self._partials[0]])
+        self.goals.measure(self._partials[0])
+
+    @cached_property
+    def goals(self) -> Goals:
+        """Of the solve that is going on."""
+        return Goals(self.graph.segments)
+
+    @cached_property
+    def _partials(self) -> list[wp.array[wp.vec3d]]:
+        return [self.graph.segments.partials() for _ in range(3)]
 
     def _inputs(self, x: wp.array[wp.vec3d], v: wp.array[wp.vec3d], target: wp.array[wp.vec3d]) -> list[Any]:
         graph = self.graph

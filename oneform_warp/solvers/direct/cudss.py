@@ -18,7 +18,6 @@ from oneform_warp.graph import Graph
 from oneform_warp.solvers.direct.factored import Direct, nothing_to_do
 from oneform_warp.solvers.direct.free_matrix import FreeMatrix
 from oneform_warp.solvers.direct.packages import require
-from oneform_warp.solvers.goals import Goals
 from oneform_warp.solvers.precision import FLOAT64
 from oneform_warp.solvers.refinement import Correction, State, Watch
 from oneform_warp.solvers.system import System
@@ -62,7 +61,8 @@ class _Factors:
     floor = FLOAT64.floor
 
     def __init__(self, system: System, matrix: FreeMatrix) -> None:
-        self.device, self.scale, self.size = system.graph.device, matrix.scale, matrix.size
+        self.goals, self.device = system.goals, system.graph.device
+        self.scale, self.size = matrix.scale, matrix.size
         self.e = wp.zeros(system.graph.node_count, dtype=wp.vec3d, device=self.device)
         self.nodes = wp.array(matrix.nodes.astype(np.int32), dtype=wp.int32, device=self.device)
         # (3, k): cuDSS takes columns one after the other, which the transpose of this is.
@@ -78,18 +78,18 @@ class _Factors:
         """Warp's stream, on which everything is queued: nobody has to wait for anybody."""
         return int(self.device.stream.cuda_stream or 0)
 
-    def correct(self, r: wp.array[wp.vec3d], goals: Goals, budget: int, watch: Watch | None) -> Correction:
+    def correct(self, r: wp.array[wp.vec3d], budget: int, watch: Watch | None) -> Correction:
         """See `refinement.Inner`; the whole correction is one iteration."""
-        if not self.size or nothing_to_do(goals, watch):
+        if not self.size or nothing_to_do(self.goals, watch):
             self.e.zero_()
-            return Correction(self.e, self.scale, goals.one, lambda: 0)
+            return Correction(self.e, self.scale, self.goals.one, lambda: 0)
         launch = {"dim": self.size, "device": self.device}
         with wp.ScopedDevice(self.device):
             wp.launch(gather_columns, inputs=[self.nodes, r], outputs=[self.b], **launch)
             # A new CuPy array (k, 3), its columns one after the other.
             x = self.solver.solve(stream=self.stream)
             wp.launch(scatter_columns, inputs=[self.nodes, wp.from_dlpack(x.T)], outputs=[self.e], **launch)
-        return Correction(self.e, self.scale, goals.one, lambda: 1)
+        return Correction(self.e, self.scale, self.goals.one, lambda: 1)
 
 
 @dataclass(frozen=True)

@@ -37,22 +37,23 @@ class HostCorrection:
         matrix: FreeMatrix,
         substitute: Substitution,
     ) -> None:
-        self.matrix, self.substitute = matrix, substitute
+        self.goals, self.matrix, self.substitute = system.goals, matrix, substitute
         self.e = wp.zeros(system.graph.node_count, dtype=wp.vec3d, device=system.graph.device)
         self.e_host = np.zeros((system.graph.node_count, 3))
 
-    def correct(self, r: wp.array[wp.vec3d], goals: Goals, budget: int, watch: Watch | None) -> Correction:
+    def correct(self, r: wp.array[wp.vec3d], budget: int, watch: Watch | None) -> Correction:
         """See `refinement.Inner`; the whole correction is one iteration."""
         nodes = self.matrix.nodes
-        stop = nothing_to_do(goals, watch)
+        stop = nothing_to_do(self.goals, watch)
         self.e_host[nodes] = 0.0 if stop else self.substitute(r.numpy()[nodes])
         self.e.assign(self.e_host)
-        return Correction(self.e, self.matrix.scale, goals.one, lambda: 0 if stop else 1)
+        return Correction(self.e, self.matrix.scale, self.goals.one, lambda: 0 if stop else 1)
 
 
 def nothing_to_do(goals: Goals, watch: Watch | None) -> bool:
     """Whether the residual is small enough as it is, or somebody asks to stop."""
-    return goals.reached() or (watch is not None and watch(0, goals.norm.numpy()))
+    norm, _, goal = goals.account()
+    return bool((norm <= goal).all()) or (watch is not None and watch(0, norm))
 
 
 @dataclass(frozen=True)

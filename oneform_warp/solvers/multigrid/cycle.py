@@ -6,20 +6,14 @@ is visited twice: it costs a hundredth of the first and saves a fifth of the ite
 
 from __future__ import annotations
 
-from typing import Any
-
 import warp as wp
 
 from oneform_warp.segments import LANES
 from oneform_warp.solvers.multigrid.hierarchy import Hierarchy
-from oneform_warp.solvers.multigrid.lanes import launch_rows, sum_over_lanes
-from oneform_warp.solvers.multigrid.prolongation import Prolongation
-from oneform_warp.solvers.multigrid.smoothing import residual, smooth, smooth_from_zero
+from oneform_warp.solvers.multigrid.smoothing import first_step, residual, second_step, smooth_from_zero
+from oneform_warp.solvers.multigrid.transfer import prolong, prolong_and_step, restrict, restrict_residual
 
 __all__ = ["Cycle"]
-
-COLUMN_LANES = 8
-"""Threads that share one column of P, with its thirty entries, in a restriction."""
 
 ROW_LANES = 8
 """Threads that share one row of a level too small to fill a GPU with one each."""
@@ -27,47 +21,8 @@ ROW_LANES = 8
 CROWDED = 40_000
 """Rows from which one thread each is best."""
 
-
-@wp.kernel(enable_backward=False)
-def _restrict(
-    # In:
-    column_offsets: wp.array[wp.int32],
-    row_of: wp.array[wp.int32],
-    column_values: wp.array[wp.float32],
-    r: wp.array[wp.vec3],
-    lanes: int,
-    # Out:
-    coarse_out: wp.array[wp.vec3],
-):
-    t = wp.tid()
-    c = t // lanes
-    lane = t - c * lanes
-    part = wp.vec3()
-    if c < coarse_out.shape[0]:
-        for k in range(column_offsets[c] + lane, column_offsets[c + 1], lanes):
-            part += column_values[k] * r[row_of[k]]
-    total = sum_over_lanes(part, lanes)
-    if lane == 0 and c < coarse_out.shape[0]:
-        coarse_out[c] = total
-
-
-@wp.kernel(enable_backward=False)
-def _prolong(
-    # In:
-    p_offsets: wp.array[wp.int32],
-    p_columns: wp.array[wp.int32],
-    values: wp.array[wp.float32],
-    inverse_diagonal: wp.array[wp.float32],
-    coarse: wp.array[wp.vec3],
-    # Out:
-    x_out: wp.array[wp.vec3],
-):
-    i = wp.tid()
-    if inverse_diagonal[i] > 0.0:
-        total = x_out[i]
-        for k in range(p_offsets[i], p_offsets[i + 1]):
-            total += values[k] * coarse[p_columns[k]]
-        x_out[i] = total
+SMALL = 100_000
+"""Rows up to which a launch costs more than computing a row three times."""
 
 
 @wp.kernel(enable_backward=False)
@@ -100,6 +55,7 @@ class Cycle:
             [wp.zeros(count, dtype=wp.vec3, device=self.device) for count in counts] for _ in range(4)
         )
         self.lanes = [1 if count >= CROWDED else ROW_LANES for count in counts]
+        self.fused = [self.device.is_cuda and count < SMALL for count in counts]
         # On a GPU a launch on a small level costs more than its work.
         self.twice = {2} if self.device.is_cuda else set(range(2, len(counts)))
 
@@ -123,13 +79,19 @@ class Cycle:
         if from_zero:
             smooth_from_zero(rows, lanes, r, x)
         else:
-            smooth(rows, lanes, r, x, d, t)
-        residual(rows, lanes, r, x, t)
-        launch_rows(_restrict, p.coarse_count, COLUMN_LANES, [*_columns(p), t], [self.r[level + 1]], self.device)
-        self._solve(level + 1)
-        inputs = [p.rows.offsets, p.rows.columns, p.values, rows.inverse_diagonal, self.x[level + 1]]
-        wp.launch(_prolong, dim=x.shape[0], inputs=inputs, outputs=[x], device=self.device)
-        smooth(rows, lanes, r, x, d, t)
+            first_step(rows, lanes, r, x, d, t)
+            second_step(rows, lanes, r, t, d, x)
+        if self.fused[level]:
+            restrict_residual(rows, p, r, x, self.r[level + 1])
+            self._solve(level + 1)
+            prolong_and_step(rows, p, self.x[level + 1], r, x, d, t)
+        else:
+            residual(rows, lanes, r, x, t)
+            restrict(p, t, self.r[level + 1])
+            self._solve(level + 1)
+            prolong(rows, p, self.x[level + 1], x)
+            first_step(rows, lanes, r, x, d, t)
+        second_step(rows, lanes, r, t, d, x)
 
     def _coarsest(self, level: int) -> None:
         moving = self.hierarchy.moving
@@ -146,7 +108,3 @@ class Cycle:
             )
             return
         smooth_from_zero(self.hierarchy.levels[level], self.lanes[level], self.r[level], self.x[level])
-
-
-def _columns(p: Prolongation) -> list[Any]:
-    return [p.column_offsets, p.row_of, p.column_values]

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from oneform_warp.graph import Graph
 from oneform_warp.segments import launch_chunks, launch_components, sum_of_chunks
 from oneform_warp.solvers.cg import alpha_of_components, product_and_dot
-from oneform_warp.solvers.goals import Goals
-from oneform_warp.solvers.loop import Loop
+from oneform_warp.solvers.loop import Loop, Recording
 from oneform_warp.solvers.multigrid.cycle import Cycle
 from oneform_warp.solvers.multigrid.hierarchy import hierarchy
 from oneform_warp.solvers.precision import FLOAT32, in_both_precisions, precision_named
@@ -160,7 +159,7 @@ class _Iteration:
     """
 
     def __init__(self, system: System, rows: LaplacianRows, cycle: Cycle) -> None:
-        self.rows, self.cycle = rows, cycle
+        self.goals, self.rows, self.cycle = system.goals, rows, cycle
         self.floor = rows.precision.floor
         self.r, self.p, self.q = (rows.vectors() for _ in range(3))
         segments = rows.segments
@@ -169,23 +168,24 @@ class _Iteration:
         if rows.precision is FLOAT32:
             cycle.r[0] = self.r
         self.partials = segments.partials(), segments.partials()
-        self.alpha, self.beta, self.aim = (segments.zeros() for _ in range(3))
-        self.rz, self.rr, self.r_sum = (segments.zeros() for _ in range(3))
+        self.alpha, self.beta, self.rz, self.r_sum = (segments.zeros() for _ in range(4))
         counts = np.diff(system.graph.component_offsets)[: segments.component_count]
         self.mean = wp.array(system.floating / np.maximum(counts, 1), dtype=wp.float64, device=segments.device)
-        self.loop = Loop(self._iterate, self.rr, self.aim, batch=1, device=segments.device)
+        self.begin = Recording(self._begin, segments.device)
+        self.loop = Loop(self._iterate, system.goals.size, system.goals.aim, batch=1, device=segments.device)
 
-    def correct(self, r: wp.array[wp.vec3d], goals: Goals, budget: int, watch: Watch | None) -> Correction:
+    def correct(self, r: wp.array[wp.vec3d], budget: int, watch: Watch | None) -> Correction:
         """See `refinement.Inner`."""
-        rows, sizes = self.rows, self.rr
-        scaled_right_hand_side(rows, r, goals.unit, self.r)
-        wp.copy(self.aim, goals.aim)
-        wp.copy(self.rr, goals.size)
+        goals = self.goals
+        scaled_right_hand_side(self.rows, r, goals.unit, self.r)
+        self.begin.run()
+        done = self.loop.run(budget, None if watch is None else lambda count: watch(count, goals.norms()))
+        return Correction(self.e, self.rows.scale, goals.unit, done)
+
+    def _begin(self) -> None:
         # With rz zero, beta is zero, and the first direction is z; r is a codifferential, its sum is zero as well.
         for vector in (self.e, self.p, self.rz, self.r_sum):
             vector.zero_()
-        done = self.loop.run(budget, None if watch is None else lambda count: watch(count, goals.norms(sizes)))
-        return Correction(self.e, rows.scale, goals.unit, done)
 
     def _iterate(self) -> None:
         rows, segments, precision, z = self.rows, self.rows.segments, self.rows.precision, self.cycle.x[0]
@@ -198,10 +198,12 @@ class _Iteration:
         launch_components(_beta, segments, [self.mean, first, second, self.r_sum], [self.rz, self.beta])
         launch_chunks(_direction(precision), segments, [segments.chunk_component, self.beta, z], [self.p])
         launch_chunks(product_and_dot(precision), segments, [*rows.arguments(), self.p], [self.q, first])
-        launch_components(alpha_of_components, segments, [first, self.rz, self.rr, self.aim], [self.alpha])
+        launch_components(
+            alpha_of_components, segments, [first, self.rz, self.goals.size, self.goals.aim], [self.alpha]
+        )
         inputs = [segments.chunk_component, self.alpha, self.p, self.q]
         launch_chunks(_step(precision), segments, inputs, [self.e, self.r, first, second])
-        launch_components(_size, segments, [self.mean, first, second], [self.rr, self.r_sum])
+        launch_components(_size, segments, [self.mean, first, second], [self.goals.size, self.r_sum])
 
 
 @dataclass(frozen=True)

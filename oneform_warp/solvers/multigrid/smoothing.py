@@ -10,7 +10,7 @@ import warp as wp
 from oneform_warp.solvers.multigrid.lanes import launch_rows, sum_over_lanes
 from oneform_warp.solvers.rows import LaplacianRows
 
-__all__ = ["FIRST", "product_of_lane", "residual", "smooth", "smooth_from_zero"]
+__all__ = ["FIRST", "first_step", "product_of_lane", "residual", "second_step", "smooth_from_zero"]
 
 # Chebyshev polynomials on [A, B] of the spectrum of D^-1 A, which is in [0, 2] by Gershgorin. No eigenvalue needs an
 # estimate: they shrink every error in (0, A + B), and A + B is above 2.
@@ -137,17 +137,28 @@ def _second_step(
         x_out[i] = x[i] + AGAIN * d[i] + SECOND * inverse_diagonal[i] * (r[i] - product)
 
 
-def smooth(
+def first_step(
     rows: LaplacianRows,
     lanes: int,
     r: wp.array[wp.vec3],
+    x: wp.array[wp.vec3],
+    d_out: wp.array[wp.vec3],
     x_out: wp.array[wp.vec3],
-    d: wp.array[wp.vec3],
-    t: wp.array[wp.vec3],
 ) -> None:
-    """Two steps from x towards A^-1 r, in place; d and t are room."""
-    launch_rows(_first_step, r.shape[0], lanes, [*rows.arguments(), r, x_out], [d, t], r.device)
-    launch_rows(_second_step, r.shape[0], lanes, [*rows.arguments(), r, t, d], [x_out], r.device)
+    """The first of two steps from x towards A^-1 r, and its direction d."""
+    launch_rows(_first_step, r.shape[0], lanes, [*rows.arguments(), r, x], [d_out, x_out], r.device)
+
+
+def second_step(
+    rows: LaplacianRows,
+    lanes: int,
+    r: wp.array[wp.vec3],
+    x: wp.array[wp.vec3],
+    d: wp.array[wp.vec3],
+    x_out: wp.array[wp.vec3],
+) -> None:
+    """The second, from what the first one left."""
+    launch_rows(_second_step, r.shape[0], lanes, [*rows.arguments(), r, x, d], [x_out], r.device)
 
 
 @wp.kernel(enable_backward=False)
