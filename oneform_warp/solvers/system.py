@@ -32,14 +32,10 @@ def residual_at(
     r = wp.vec3d()
     x_i = x[i]
     for h in range(offsets[i], offsets[i + 1]):
-        e = incident[h]
+        e = wp.max(incident[h], ~incident[h])
         d = x[neighbours[h]] - x_i
-        if e < 0:
-            e = ~e
-            if v.shape[0] > 0:
-                d += v[e]
-        elif v.shape[0] > 0:
-            d -= v[e]
+        if v.shape[0] > 0:
+            d -= wp.where(incident[h] < 0, -v[e], v[e])
         r += mu[e] * d
     return r
 

@@ -11,7 +11,7 @@ import warp as wp
 from oneform_warp.segments import LANES
 from oneform_warp.solvers.multigrid.hierarchy import Hierarchy
 from oneform_warp.solvers.multigrid.smoothing import first_step, residual, second_step, smooth_from_zero
-from oneform_warp.solvers.multigrid.transfer import prolong, prolong_and_step, restrict, restrict_residual
+from oneform_warp.solvers.multigrid.transfer import prolong, restrict
 
 __all__ = ["Cycle"]
 
@@ -20,9 +20,6 @@ ROW_LANES = 8
 
 CROWDED = 40_000
 """Rows from which one thread each is best."""
-
-SMALL = 100_000
-"""Rows up to which a launch costs more than computing a row three times."""
 
 
 @wp.kernel(enable_backward=False)
@@ -55,7 +52,6 @@ class Cycle:
             [wp.zeros(count, dtype=wp.vec3, device=self.device) for count in counts] for _ in range(4)
         )
         self.lanes = [1 if count >= CROWDED else ROW_LANES for count in counts]
-        self.fused = [self.device.is_cuda and count < SMALL for count in counts]
         # On a GPU a launch on a small level costs more than its work.
         self.twice = {2} if self.device.is_cuda else set(range(2, len(counts)))
 
@@ -81,16 +77,11 @@ class Cycle:
         else:
             first_step(rows, lanes, r, x, d, t)
             second_step(rows, lanes, r, t, d, x)
-        if self.fused[level]:
-            restrict_residual(rows, p, r, x, self.r[level + 1])
-            self._solve(level + 1)
-            prolong_and_step(rows, p, self.x[level + 1], r, x, d, t)
-        else:
-            residual(rows, lanes, r, x, t)
-            restrict(p, t, self.r[level + 1])
-            self._solve(level + 1)
-            prolong(rows, p, self.x[level + 1], x)
-            first_step(rows, lanes, r, x, d, t)
+        residual(rows, lanes, r, x, t)
+        restrict(p, t, self.r[level + 1])
+        self._solve(level + 1)
+        prolong(rows, p, self.x[level + 1], x)
+        first_step(rows, lanes, r, x, d, t)
         second_step(rows, lanes, r, t, d, x)
 
     def _coarsest(self, level: int) -> None:

@@ -127,24 +127,17 @@ def _dense_inverse(rows: LaplacianRows) -> tuple[NDArray[np.float64], NDArray[np
     weights = csr_array(
         (rows.weight.numpy().astype(np.float64), rows.neighbours.numpy(), rows.offsets.numpy()), (count, count)
     )
-    inside = weights[moving][:, moving].toarray()
+    inside = weights[moving][:, moving]
     attached = rows.attachment.numpy()[moving] if rows.attachment.shape[0] else np.zeros(len(moving))
-    matrix = np.diag(weights.sum(axis=1)[moving] + attached) - (inside + inside.T) / 2.0
-    outside = np.ones(count, dtype=bool)
-    outside[moving] = False
-    held = attached + weights[moving][:, outside].sum(axis=1)
-    labels = connected_components(csr_array(inside), directed=False)[1]
-    projections = []
-    for label in np.unique(labels):
-        members = np.flatnonzero(labels == label)
-        if not held[members].any():
-            # Singular: made regular by the projector onto constants, which the inverse then loses again.
-            block = np.ix_(members, members)
-            projector = 1.0 / len(members)
-            size = matrix[members, members].mean()
-            matrix[block] += size * projector
-            projections.append((block, projector / size))
-    inverse = np.linalg.inv(matrix)
-    for block, projection in projections:
-        inverse[block] -= projection
-    return inverse, moving
+    row_sums = weights.sum(axis=1)[moving]
+    # Weights to nodes that do not move hold a component as attachments do.
+    held = (attached > 0.0) | (np.diff(weights[moving].indptr) > np.diff(inside.indptr))
+    component_count, label = connected_components(inside, directed=False)
+    floating = np.bincount(label, held, component_count) == 0.0
+    dense = inside.toarray()
+    matrix = np.diag(row_sums + attached) - (dense + dense.T) / 2.0
+    # Singular where a component floats: made regular by the projector onto constants, which the inverse then loses.
+    members = np.where(floating[label], label, -1)
+    size = matrix.diagonal().mean()
+    projector = (members[:, None] == members) * (floating[label] / np.bincount(label)[label])
+    return np.linalg.inv(matrix + size * projector) - projector / size, moving
