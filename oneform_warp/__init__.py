@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from oneform_warp import shapes as shapes
     from oneform_warp.deformation import Deformation
     from oneform_warp.deformer import Deformer, deform
+    from oneform_warp.deformers import Deformations, Deformers
     from oneform_warp.errors import FileError, InputError, NotConverged, OneFormWarning
     from oneform_warp.exactness import cycle_residual, is_exact, path_integral
     from oneform_warp.fields import Fields, smooth_fields
@@ -34,6 +35,7 @@ __version__ = "0.1.0"
 _HOME = {
     "deformation": ["Deformation"],
     "deformer": ["Deformer", "deform"],
+    "deformers": ["Deformations", "Deformers"],
     "errors": ["FileError", "InputError", "NotConverged", "OneFormWarning"],
     "exactness": ["cycle_residual", "is_exact", "path_integral"],
     "fields": ["Fields", "smooth_fields"],
@@ -50,7 +52,9 @@ __all__ = [
     "Cholmod",
     "CuDSS",
     "Deformation",
+    "Deformations",
     "Deformer",
+    "Deformers",
     "Fields",
     "FileError",
     "Graph",

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from oneform_warp.errors import InputError
 
-__all__ = ["Rows", "as_numpy", "read_pairs", "read_rows", "to_device", "vertex_mask"]
+__all__ = ["Rows", "as_numpy", "read_pairs", "read_rows", "to_device", "vertex_mask", "vertex_numbers"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,8 +90,13 @@ def as_numpy(values: Any) -> NDArray[Any]:
 def vertex_mask(vertices: Any, vertex_count: int, where: str = "fixed") -> NDArray[np.bool_]:
     """Vertices by index or mask, None for none -> mask (V,). InputError for numbers out of range or a wrong length."""
     mask = np.zeros(vertex_count, dtype=bool)
-    if vertices is None:
-        return mask
+    if vertices is not None:
+        mask[vertex_numbers(vertices, vertex_count, where)] = True
+    return mask
+
+
+def vertex_numbers(vertices: Any, vertex_count: int, where: str) -> NDArray[np.int64]:
+    """Vertices by index or mask -> ascending numbers. InputError for numbers out of range or a wrong length."""
     chosen = np.atleast_1d(as_numpy(vertices))
     if chosen.dtype == bool:
         if chosen.shape != (vertex_count,):
@@ -100,7 +105,7 @@ def vertex_mask(vertices: Any, vertex_count: int, where: str = "fixed") -> NDArr
                 where=where,
                 fix=f"give ({vertex_count},)",
             )
-        return chosen.copy()
+        return np.flatnonzero(chosen)
     if chosen.size and (chosen.dtype.kind not in "iu" or chosen.ndim != 1):
         raise InputError(
             f"a {chosen.dtype} array of shape {chosen.shape} names no vertices",
@@ -114,8 +119,8 @@ def vertex_mask(vertices: Any, vertex_count: int, where: str = "fixed") -> NDArr
             where=where,
             fix=f"use numbers from 0 to {vertex_count - 1}",
         )
-    mask[chosen.astype(np.int64)] = True
-    return mask
+    numbers: NDArray[np.int64] = np.unique(chosen.astype(np.int64))
+    return numbers
 
 
 def read_pairs(edges: Any, vertex_count: int, name: str) -> NDArray[np.int64]:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from oneform_warp.fields import Fields, NodeFields
 from oneform_warp.forms import node_energy
+from oneform_warp.graph import Graph
 from oneform_warp.grip import Grip
 from oneform_warp.notes import bare_notes, field_notes, misfit_notes
 from oneform_warp.rest import Rest
@@ -75,11 +76,20 @@ class Deformation:
         return self._rest.outside(self.solution.x)
 
     @property
+    def graph(self) -> Graph:
+        """What it was solved on."""
+        return self._rest.graph
+
+    @property
+    def solutions(self) -> tuple[Solution, ...]:
+        """Of the fields, where they needed solving, and of the positions."""
+        return (*self._nodes.solutions, self.solution)
+
+    @property
     def status(self) -> Status:
         """How the solve ended."""
         # Positions that fit unfinished fields have not arrived either.
-        solutions = (*self._nodes.solutions, self.solution)
-        return next((s.status for s in solutions if not s.converged), self.solution.status)
+        return next((s.status for s in self.solutions if not s.converged), self.solution.status)
 
     @property
     def converged(self) -> bool:

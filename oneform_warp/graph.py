@@ -56,13 +56,15 @@ class Graph(Assembly):
         weld: float | None = 0.0,
         extra_edges: Any = None,
         extra_weight: float = 1.0,
+        mesh_of: Any = None,
         device: Any = None,
     ) -> Graph:
         """The polygons' own edges, with mu from the rest positions x.
 
         x: (V, D); faces: (F, k) array, list of polygons, or (indices, offsets), n-gons welcome. weights: "cotangent",
         "uniform", "inverse_length". weld: join vertices at equal positions (0.0), within a length, or never (None).
-        extra_edges: (k, 2) vertex numbers, each of weight extra_weight on top. device: None for Warp's current one.
+        extra_edges: (k, 2) vertex numbers, each of weight extra_weight on top. mesh_of: the number of each
+        vertex's mesh, (V,): meshes are not welded to each other. device: None for Warp's current one.
         """
         rows = read_rows(x, None, "x")
         polygons = as_polygons(faces, len(rows.data))
@@ -77,7 +79,8 @@ class Graph(Assembly):
         kind_named(weights, faces=True)
         device = wp.get_device(device)
         positions = to_device(rows.data, device)
-        groups = weld_positions(positions, weld)
+        meshes: Any = None if mesh_of is None else wp.array(np.asarray(mesh_of), dtype=wp.int32, device=device)
+        groups = weld_positions(positions, weld, meshes)
         box = rows.data.min(axis=0, initial=np.inf), rows.data.max(axis=0, initial=-np.inf)
         pairs = on_corners(polygons, extra, groups, device)
 

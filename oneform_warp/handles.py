@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from oneform_warp.arrays import as_numpy, vertex_mask
+from oneform_warp.arrays import as_numpy, vertex_numbers
 from oneform_warp.errors import InputError
 
 __all__ = ["Handle", "check_dimension"]
@@ -71,7 +71,7 @@ class Handle:
 
     def members(self, vertex_count: int, number: int) -> NDArray[np.int64]:
         """The handle's vertices, ascending; InputError when there are none or they do not fit the mesh."""
-        chosen = np.flatnonzero(vertex_mask(self.vertices, vertex_count, self.label(number)))
+        chosen = vertex_numbers(self.vertices, vertex_count, self.label(number))
         if not len(chosen):
             raise InputError(
                 "no vertex is selected",
@@ -82,10 +82,15 @@ class Handle:
 
     def alone(self) -> Handle:
         """The same handle with its own copy of the vertices, which nobody can change."""
-        twin = copy(self)
         own = np.array(as_numpy(self.vertices))
         own.flags.writeable = False
-        object.__setattr__(twin, "vertices", own)
+        return self.on(own, self.name)
+
+    def on(self, vertices: Any, name: str | None) -> Handle:
+        """The same handle on other vertices, by another name."""
+        twin = copy(self)
+        object.__setattr__(twin, "vertices", vertices)
+        object.__setattr__(twin, "name", name)
         return twin
 
     def holds_like(self, other: Handle) -> bool:

@@ -13,7 +13,18 @@ from oneform_warp.errors import InputError
 from oneform_warp.graph import Graph
 from oneform_warp.solvers.rows import power_of_two
 
-__all__ = ["Rest"]
+__all__ = ["Rest", "box_of"]
+
+
+def box_of(data: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
+    """The centre of positions (V, 3), and the power of two near their size."""
+    if not len(data):
+        return np.zeros(3), 1.0
+    low, high = data.min(axis=0), data.max(axis=0)
+    size = float((high - low).max())
+    if not np.isfinite(size):
+        raise InputError("the positions span more than float64 holds", where="x", fix="use a larger unit")
+    return low / 2.0 + high / 2.0, power_of_two(size)
 
 
 class Rest:
@@ -26,13 +37,8 @@ class Rest:
                 where="x",
                 fix="give one row per vertex",
             )
-        low, high = rows.data.min(axis=0, initial=np.inf), rows.data.max(axis=0, initial=-np.inf)
-        size = float((high - low).max()) if len(rows.data) else 1.0
-        if not np.isfinite(size):
-            raise InputError("the positions span more than float64 holds", where="x", fix="use a larger unit")
         self.rows, self.graph = rows, graph
-        self.scale = power_of_two(size)
-        self.centre = low / 2.0 + high / 2.0 if len(rows.data) else np.zeros(3)
+        self.centre, self.scale = box_of(rows.data)
         self.x: wp.array[wp.vec3d] = graph.nodes_from(self.inside(rows.data))
         """Per node, (n,), on the graph's device."""
 

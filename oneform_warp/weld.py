@@ -24,11 +24,11 @@ class Groups:
     """The first vertex of each group, (G,)."""
 
 
-def weld(x: wp.array[wp.vec3d], tolerance: float | None = 0.0) -> Groups:
+def weld(x: wp.array[wp.vec3d], tolerance: float | None = 0.0, mesh_of: wp.array[wp.int32] | None = None) -> Groups:
     """The group of each vertex, on the device of x.
 
     x: positions, (V,). tolerance: 0.0 joins exactly equal positions; > 0 joins, transitively, positions closer than
-    this length; None joins nothing.
+    this length; None joins nothing. mesh_of: vertices of different meshes, (V,) numbers, are never joined.
     """
     if tolerance is None:
         return Groups(iota(x.shape[0], x.device), iota(x.shape[0], x.device))
@@ -37,8 +37,8 @@ def weld(x: wp.array[wp.vec3d], tolerance: float | None = 0.0) -> Groups:
             f"the weld tolerance is {tolerance}", where="weld", fix="give a length >= 0, or None to weld nothing"
         )
     if tolerance > 0.0:
-        return _from_labels(_by_distance(x.numpy(), tolerance), x.device)
-    return _by_equality(x)
+        return _from_labels(_by_distance(x.numpy(), tolerance, mesh_of), x.device)
+    return _by_equality(x, wp.zeros(0, dtype=wp.int32, device=x.device) if mesh_of is None else mesh_of)
 
 
 @wp.func
@@ -53,11 +53,15 @@ def _mixed(h: wp.uint64, value: wp.float64) -> wp.uint64:
 def _hashes(
     # In:
     x: wp.array[wp.vec3d],
+    mesh_of: wp.array[wp.int32],
     # Out:
     key_out: wp.array[wp.int64],
 ):
     i = wp.tid()
-    h = _mixed(_mixed(_mixed(wp.uint64(1), x[i][0]), x[i][1]), x[i][2])
+    h = wp.uint64(1)
+    if mesh_of.shape[0] > 0:
+        h = _mixed(h, wp.float64(mesh_of[i]))
+    h = _mixed(_mixed(_mixed(h, x[i][0]), x[i][1]), x[i][2])
     key_out[i] = wp.int64(h >> wp.uint64(1))
 
 
@@ -65,6 +69,7 @@ def _hashes(
 def _distinct(
     # In:
     x: wp.array[wp.vec3d],
+    mesh_of: wp.array[wp.int32],
     key: wp.array[wp.int64],
     place: wp.array[wp.int32],
     # Out:
@@ -74,7 +79,10 @@ def _distinct(
     k = wp.tid()
     start = int(1)
     if k > 0:
-        if x[place[k]] == x[place[k - 1]]:
+        apart = bool(False)
+        if mesh_of.shape[0] > 0:
+            apart = mesh_of[place[k]] != mesh_of[place[k - 1]]
+        if x[place[k]] == x[place[k - 1]] and not apart:
             start = 0
         elif key[k] == key[k - 1]:
             collision_out[0] = 1
@@ -98,17 +106,18 @@ def _spread(
         first_out[group] = place[k]
 
 
-def _by_equality(x: wp.array[wp.vec3d]) -> Groups:
+def _by_equality(x: wp.array[wp.vec3d], mesh_of: wp.array[wp.int32]) -> Groups:
     """Sort by a hash and compare neighbours; where hashes collide, which no mesh has, sort by the coordinates."""
     count, device = x.shape[0], x.device
     key = wp.empty(count, dtype=wp.int64, device=device)
-    wp.launch(_hashes, dim=count, inputs=[x], outputs=[key], device=device)
+    wp.launch(_hashes, dim=count, inputs=[x, mesh_of], outputs=[key], device=device)
     key, place = sort_by_key(key)
     start = wp.zeros(count + 1, dtype=wp.int32, device=device)
     collision = wp.zeros(1, dtype=wp.int32, device=device)
-    wp.launch(_distinct, dim=count, inputs=[x, key, place], outputs=[start, collision], device=device)
+    wp.launch(_distinct, dim=count, inputs=[x, mesh_of, key, place], outputs=[start, collision], device=device)
     if collision.numpy()[0]:
-        return _from_labels(np.unique(x.numpy() + 0.0, axis=0, return_inverse=True)[1].ravel(), device)
+        rows = _with_mesh(x.numpy() + 0.0, mesh_of if mesh_of.shape[0] else None, 1.0)
+        return _from_labels(np.unique(rows, axis=0, return_inverse=True)[1].ravel(), device)
     return _grouped(place, start)
 
 
@@ -121,12 +130,17 @@ def _grouped(place: wp.array[wp.int32], start: wp.array[wp.int32]) -> Groups:
     return Groups(group, first)
 
 
-def _by_distance(x: NDArray[np.float64], tolerance: float) -> NDArray[np.int64]:
+def _with_mesh(x: NDArray[np.float64], mesh_of: wp.array[wp.int32] | None, distance: float) -> NDArray[np.float64]:
+    """Positions with one more coordinate, which keeps the meshes this far apart."""
+    return x if mesh_of is None else np.column_stack([x, distance * mesh_of.numpy()])
+
+
+def _by_distance(x: NDArray[np.float64], tolerance: float, mesh_of: wp.array[wp.int32] | None) -> NDArray[np.int64]:
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
     from scipy.spatial import cKDTree
 
-    pairs = cKDTree(x).query_pairs(tolerance, output_type="ndarray")
+    pairs = cKDTree(_with_mesh(x, mesh_of, 2.0 * tolerance)).query_pairs(tolerance, output_type="ndarray")
     near = coo_array((np.ones(len(pairs), dtype=np.int8), (pairs[:, 0], pairs[:, 1])), shape=(len(x), len(x)))
     labels: NDArray[np.int64] = connected_components(near, directed=False)[1].astype(np.int64)
     return labels

@@ -25,6 +25,7 @@ LAYERS = [
     ["notes"],
     ["deformation"],
     ["deformer"],
+    ["deformers"],
     ["preview_polyscope"],
     ["preview", "filters"],
     ["cli"],

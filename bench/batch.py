@@ -1,0 +1,116 @@
+"""A batch against a bare loop of the same chain in as many processes, and the memory of its parent over many files.
+
+python -m bench.batch [--files 200] [--vertices 20000] [--small 1000]
+"""
+
+from __future__ import annotations
+
+import argparse
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+import psutil
+
+RECIPE = Path(__file__).resolve().parents[1] / "recipes" / "turn-top.toml"
+
+LOOP = """
+import sys
+from pathlib import Path
+from oneform_warp.filters.recipe import read_recipe
+chain = read_recipe(sys.argv[1]).chain()
+for source in sys.argv[3:]:
+    chain.process(source, Path(sys.argv[2]) / Path(source).name)
+"""
+
+
+class ParentMemory:
+    """Resident bytes of this process after each file."""
+
+    def __init__(self) -> None:
+        self.bytes: list[int] = []
+
+    def planned(self, total: int, kept: int) -> None:
+        """Nothing to note."""
+
+    def finished(self, entry: object) -> None:
+        """One file more."""
+        self.bytes.append(psutil.Process().memory_info().rss)
+
+
+def write_files(folder: Path, count: int, vertices: int) -> list[Path]:
+    """Bars, each with another lean, as binary PLY."""
+    import trimesh
+
+    from oneform_warp import shapes
+
+    sides = 24
+    x, faces = shapes.bar(segments=max(1, vertices // (4 * sides)), sides=sides)
+    folder.mkdir()
+    paths = [folder / f"{number:04}.ply" for number in range(count)]
+    for number, path in enumerate(paths):
+        lean = np.outer(x[:, 2], [0.2 * number / count, 0.0, 0.0])
+        trimesh.Trimesh(x + lean, faces, process=False).export(path)
+    return paths
+
+
+def loop(paths: list[Path], out: Path, processes: int) -> float:
+    """Seconds of a bare loop in processes that share the files out."""
+    out.mkdir()
+    begin = time.perf_counter()
+    shares = [paths[number::processes] for number in range(processes)]
+    running = [
+        subprocess.Popen([sys.executable, "-c", LOOP, str(RECIPE), str(out), *map(str, share)]) for share in shares
+    ]
+    for each in running:
+        if each.wait():
+            raise SystemExit("the bare loop failed")
+    return time.perf_counter() - begin
+
+
+def batch(folder: Path, out: Path, workers: int) -> tuple[float, list[int]]:
+    """Seconds of a batch, and the memory of this process after each file."""
+    from oneform_warp.filters.batch import run_batch
+
+    memory = ParentMemory()
+    begin = time.perf_counter()
+    result = run_batch(RECIPE, [folder], out, name="{name}{ext}", jobs=workers, progress=memory)
+    if result.exit_code:
+        raise SystemExit(str(result.failures[0]))
+    return time.perf_counter() - begin, memory.bytes
+
+
+def main() -> None:
+    """Prints both."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--files", type=int, default=200)
+    parser.add_argument("--vertices", type=int, default=20_000)
+    parser.add_argument("--small", type=int, default=1000, help="files of 500 vertices for the memory; 0 for none")
+    given = parser.parse_args()
+    with tempfile.TemporaryDirectory() as name:
+        here = Path(name)
+        paths = write_files(here / "in", given.files, given.vertices)
+        print(f"{given.files} files of {given.vertices:,} vertices: seconds")
+        for workers in (1, 2):
+            bare = loop(paths, here / "bare", workers)
+            ours, _ = batch(here / "in", here / "out", workers)
+            print(f"  {workers} process(es): loop {bare:.1f}, batch {ours:.1f}, ratio {ours / bare:.3f}", flush=True)
+            for path in paths:
+                if (here / "bare" / path.name).read_bytes() != (here / "out" / path.name).read_bytes():
+                    raise SystemExit(f"{path.name} differs")
+            shutil.rmtree(here / "bare")
+            shutil.rmtree(here / "out")
+        if given.small:
+            write_files(here / "small", given.small, 500)
+            seconds, rss = batch(here / "small", here / "out", 2)
+            marks = sorted({0, given.small // 10, given.small // 2, given.small - 1})
+            told = ", ".join(f"{rss[mark] / 1e6:.1f} after {mark + 1}" for mark in marks)
+            print(f"{given.small} small files in {seconds:.1f} s; MB of the parent: {told}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,198 @@
+"""Several meshes at once: one graph of separate components keeps a GPU busy where each alone would not."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from oneform_warp.arrays import Rows, read_rows, vertex_numbers
+from oneform_warp.deformation import Deformation
+from oneform_warp.deformer import Deformer
+from oneform_warp.errors import InputError, NotConverged, OneFormWarning
+from oneform_warp.graph import Graph
+from oneform_warp.handles import Handle
+from oneform_warp.polygons import Faces, Polygons, as_polygons
+from oneform_warp.rest import box_of
+from oneform_warp.solvers import Progress, Solver
+from oneform_warp.starts import Start
+from oneform_warp.weights import Weights
+
+__all__ = ["Deformations", "Deformers"]
+
+
+@dataclass(frozen=True, eq=False)
+class _Piece:
+    """One of the meshes, and where it lies among the vertices of all."""
+
+    rows: Rows
+    polygons: Polygons
+    centre: NDArray[np.float64]
+    scale: float
+    begin: int
+
+    @property
+    def vertices(self) -> slice:
+        return slice(self.begin, self.begin + len(self.rows.data))
+
+    @property
+    def inside(self) -> NDArray[np.float64]:
+        """Centred and scaled to about the unit box, by a power of two."""
+        inside: NDArray[np.float64] = (self.rows.data - self.centre) / self.scale
+        return inside
+
+    def outside(self, moved: NDArray[np.float64]) -> Any:
+        """Displacements of all vertices, scaled -> this mesh's new positions; what did not move keeps every bit."""
+        by = moved[self.vertices] * self.scale
+        return self.rows.like(np.where(by == 0.0, self.rows.data, self.rows.data + by))
+
+
+@dataclass(frozen=True, eq=False)
+class Deformations:
+    """Several deformed meshes: everything is there per mesh, in the order in which they were given."""
+
+    whole: Deformation
+    """Of all meshes as one, each centred and scaled to about the unit box."""
+    _pieces: tuple[_Piece, ...]
+
+    @cached_property
+    def x(self) -> list[Any]:
+        """The new positions of each mesh, in the shape, dtype and kind of array of its rest positions."""
+        rest = np.concatenate([piece.inside for piece in self._pieces])
+        moved = self.whole.x - rest
+        return [piece.outside(moved) for piece in self._pieces]
+
+    @cached_property
+    def converged(self) -> NDArray[np.bool_]:
+        """Whether the float64 residuals of each mesh are small enough everywhere."""
+        solutions = (*self.whole.solutions, self.whole.solution)
+        components = self.whole.graph.components
+        arrived = np.ones(self.whole.graph.component_count, dtype=bool)
+        for solution in solutions:
+            arrived[: len(solution.goal)] &= (solution.residual <= solution.goal).all(axis=1)
+        return np.array([bool(arrived[components[piece.vertices]].all()) for piece in self._pieces])
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What the user should look at."""
+        return self.whole.warnings
+
+
+class Deformers:
+    """Meshes at rest, ready to be deformed together again and again; several poses of one mesh are several meshes.
+
+    meshes: pairs (x, faces), each as for `Deformer`. weights, solver, device: as there, the same for all; the mean
+    length of "inverse_length" is that of all meshes, each scaled to its box. weld: 0.0 or None, within each mesh.
+    Every component stops for itself; the solve ends with the last. Raises InputError, naming the mesh by its number.
+    """
+
+    def __init__(
+        self,
+        meshes: Sequence[tuple[Any, Faces]],
+        *,
+        weights: Weights = "cotangent",
+        weld: float | None = 0.0,
+        solver: Solver | None = None,
+        device: Any = None,
+    ) -> None:
+        if not len(meshes):
+            raise InputError("there are no meshes", where="meshes", fix="give at least one pair (x, faces)")
+        if weld not in (0.0, None):
+            raise InputError(f"weld is {weld}", where="weld", fix="use 0.0 or None: meshes are scaled to their boxes")
+        pieces: list[_Piece] = []
+        for number, (x, faces) in enumerate(meshes):
+            with _naming(number):
+                pieces.append(_piece(x, faces, pieces[-1].vertices.stop if pieces else 0))
+        dimensions = {piece.rows.dimension for piece in pieces}
+        if len(dimensions) > 1:
+            raise InputError(f"meshes of D = {sorted(dimensions)}", where="meshes", fix="give all the same D")
+        self._pieces = tuple(pieces)
+        inside = np.concatenate([piece.inside for piece in pieces])
+        sizes = [len(piece.rows.data) for piece in pieces]
+        graph = Graph.from_faces(
+            inside,
+            _joined(pieces),
+            weights=weights,
+            weld=weld,
+            mesh_of=np.repeat(np.arange(len(pieces)), sizes),
+            device=device,
+        )
+        self._deformer = Deformer(inside[:, : dimensions.pop()], graph, solver=solver)
+
+    @property
+    def graph(self) -> Graph:
+        """All meshes, as separate components; vertices in the order of the meshes."""
+        return self._deformer.graph
+
+    def deform(self, handles: Sequence[Sequence[Handle]], **options: Any) -> list[Any]:
+        """The new positions of each mesh, in the shape, dtype and kind of array that its x has; options as for `solve`.
+
+        Warns OneFormWarning for what the user should look at, NotConverged where the solver gave up.
+        """
+        found = self.solve(handles, **options)
+        for text in found.warnings:
+            warnings.warn(text, OneFormWarning, stacklevel=2)
+        if not found.converged.all():
+            numbers = np.flatnonzero(~found.converged).tolist()
+            warnings.warn(f"meshes {numbers}: {found.whole.status}", NotConverged, stacklevel=2)
+        return found.x
+
+    def solve(
+        self,
+        handles: Sequence[Sequence[Handle]],
+        *,
+        sweeps: int | None = None,
+        start: Start = "rest",
+        progress: Progress | None = None,
+    ) -> Deformations:
+        """Handles: a sequence for each mesh, its vertices numbered by themselves. Others: as for `Deformer.solve`."""
+        if len(handles) != len(self._pieces):
+            raise InputError(
+                f"handles for {len(handles)} meshes, there are {len(self._pieces)}",
+                where="handles",
+                fix="give a sequence of handles for each mesh, [] for none",
+            )
+        moved: list[Handle] = []
+        for number, (piece, some) in enumerate(zip(self._pieces, handles, strict=True)):
+            with _naming(number):
+                moved += [_shifted(handle, piece, number, k) for k, handle in enumerate(some)]
+        return Deformations(self._deformer.solve(moved, sweeps=sweeps, start=start, progress=progress), self._pieces)
+
+
+def _piece(x: Any, faces: Faces, begin: int) -> _Piece:
+    rows = read_rows(x, None, "x")
+    return _Piece(rows, as_polygons(faces, len(rows.data)), *box_of(rows.data), begin)
+
+
+def _joined(pieces: Sequence[_Piece]) -> Polygons:
+    """The polygons of all meshes, vertices numbered through."""
+    corners = np.cumsum([0, *(len(piece.polygons.indices) for piece in pieces)])
+    offsets = [piece.polygons.offsets[1:] + at for piece, at in zip(pieces, corners, strict=False)]
+    return Polygons(
+        np.concatenate([piece.polygons.indices + piece.begin for piece in pieces]),
+        np.concatenate([np.zeros(1, dtype=np.int64), *offsets]),
+    )
+
+
+def _shifted(handle: Handle, piece: _Piece, mesh: int, number: int) -> Handle:
+    """The handle on the vertices of all meshes."""
+    label = handle.label(number)
+    own = vertex_numbers(handle.vertices, len(piece.rows.data), label)
+    if not len(own):
+        raise InputError("no vertex is selected", where=label, fix="check the selection that makes this handle")
+    return handle.on(own + piece.begin, f"{handle.name or number} of mesh {mesh}")
+
+
+@contextmanager
+def _naming(mesh: int) -> Iterator[None]:
+    """Errors inside name the mesh."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(error.what, where=f"mesh {mesh}, {error.where}", fix=error.fix) from None
