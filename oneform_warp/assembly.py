@@ -12,8 +12,8 @@ import warp as wp
 from numpy.typing import NDArray
 
 from oneform_warp.incidence import UniqueEdges, incidence, sorted_edges, unique_edges
+from oneform_warp.intake import Corners
 from oneform_warp.order import solving_order
-from oneform_warp.polygons import Polygons
 from oneform_warp.segments import Segments
 from oneform_warp.weights import Listing, NodeFaces
 from oneform_warp.weld import Groups
@@ -126,18 +126,18 @@ def _extra(
     second_out[begin + k] = group[pairs[k][1]]
 
 
-def on_corners(polygons: Polygons | None, extra: NDArray[np.int64], groups: Groups, device: Any) -> Pairs:
+def on_corners(polygons: Corners | None, extra: NDArray[np.int64], groups: Groups, device: Any) -> Pairs:
     """The polygons' own edges, one per corner, and then the extra pairs (k, 2) of vertices, in groups."""
-    corner_count = 0 if polygons is None else len(polygons.indices)
+    corner_count = 0 if polygons is None else polygons.indices.shape[0]
     total = corner_count + len(extra)
     first, second = (wp.empty(total, dtype=wp.int32, device=device) for _ in range(2))
     offsets = face_of = None
     if polygons is not None:
-        indices, offsets = (wp.array(a.astype(np.int32), dtype=wp.int32, device=device) for a in polygons)
+        indices, offsets = polygons
         face_of = wp.empty(corner_count, dtype=wp.int32, device=device)
         inputs = [indices, offsets, groups.of_vertex]
         outputs = [first, second, face_of]
-        wp.launch(_corners, dim=len(polygons.offsets) - 1, inputs=inputs, outputs=outputs, device=device)
+        wp.launch(_corners, dim=polygons.offsets.shape[0] - 1, inputs=inputs, outputs=outputs, device=device)
     if len(extra):
         pairs = wp.array(extra.astype(np.int32), dtype=wp.vec2i, device=device)
         wp.launch(

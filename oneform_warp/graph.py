@@ -15,8 +15,9 @@ from oneform_warp.arrays import read_pairs, read_rows, to_device
 from oneform_warp.assembly import Assembly, assemble, gather, listed_edges, on_corners
 from oneform_warp.errors import InputError
 from oneform_warp.incidence import UniqueEdges
+from oneform_warp.intake import faces_on, positions_on
 from oneform_warp.order import along_a_curve, as_numbered, by_breadth
-from oneform_warp.polygons import Faces, as_polygons
+from oneform_warp.polygons import Faces
 from oneform_warp.segments import Segments
 from oneform_warp.weights import (
     Weights,
@@ -66,9 +67,11 @@ class Graph(Assembly):
         extra_edges: (k, 2) vertex numbers, each of weight extra_weight on top. mesh_of: the number of each
         vertex's mesh, (V,): meshes are not welded to each other. device: None for Warp's current one.
         """
-        rows = read_rows(x, None, "x")
-        polygons = as_polygons(faces, len(rows.data))
-        extra = read_pairs(extra_edges, len(rows.data), "extra_edges")
+        device = wp.get_device(device)
+        positions, low, high = positions_on(x, device)
+        count = positions.shape[0]
+        polygons = faces_on(faces, count, device)
+        extra = read_pairs(extra_edges, count, "extra_edges")
         extra_mu = check_weights(np.full(len(extra), float(extra_weight)), len(extra), "extra_weight")
         if not isinstance(weights, str):
             raise InputError(
@@ -77,16 +80,13 @@ class Graph(Assembly):
                 fix="make the graph by a kind of weights, look at graph.edges, and use graph.with_weights(values)",
             )
         kind_named(weights, faces=True)
-        device = wp.get_device(device)
-        positions = to_device(rows.data, device)
         meshes: Any = None if mesh_of is None else wp.array(np.asarray(mesh_of), dtype=wp.int32, device=device)
         groups = weld_positions(positions, weld, meshes)
-        box = rows.data.min(axis=0, initial=np.inf), rows.data.max(axis=0, initial=-np.inf)
         pairs = on_corners(polygons, extra, groups, device)
 
         def closeness(edges: UniqueEdges, count: int) -> wp.array[wp.int32]:
             # Breadth-first rings stream through a CPU's caches, a product takes 3/4 of the time; the GPU has no host.
-            return along_a_curve(positions, groups.first, box) if device.is_cuda else by_breadth(edges, count)
+            return along_a_curve(positions, groups.first, (low, high)) if device.is_cuda else by_breadth(edges, count)
 
         made = assemble(groups, pairs, closeness)
         listed_mu: Any = wp.array(extra_mu, dtype=wp.float64, device=device) if len(extra) else None

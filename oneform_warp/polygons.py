@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from oneform_warp.errors import InputError
 
-__all__ = ["Faces", "Polygons", "as_polygons"]
+__all__ = ["Faces", "Polygons", "as_polygons", "out_of_range"]
 
 Faces = Any
 """(F, k) integer array, a list of polygons, or the pair (indices, offsets)."""
@@ -85,8 +85,13 @@ def _check_range(polygons: Polygons, vertex_count: int) -> None:
     if wrong.any():
         corner = int(np.argmax(wrong))
         face = int(np.searchsorted(offsets, corner, side="right")) - 1
-        raise InputError(
-            f"vertex number {indices[corner]} does not exist, the mesh has {vertex_count} vertices",
-            where=f"face {face}",
-            fix=f"use numbers from 0 to {vertex_count - 1}",
-        )
+        raise out_of_range(int(indices[corner]), face, vertex_count)
+
+
+def out_of_range(vertex: int, face: int, vertex_count: int) -> InputError:
+    """The error for a face with a vertex that the mesh does not have."""
+    return InputError(
+        f"vertex number {vertex} does not exist, the mesh has {vertex_count} vertices",
+        where=f"face {face}",
+        fix=f"use numbers from 0 to {vertex_count - 1}",
+    )

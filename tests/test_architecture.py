@@ -13,7 +13,7 @@ ROOT = Path(oneform_warp.__file__).parent
 LAYERS = [
     ["errors"],
     ["arrays", "polygons", "sorting", "rotations", "segments", "conditions"],
-    ["weld", "incidence", "weights", "shapes"],
+    ["weld", "incidence", "weights", "shapes", "intake"],
     ["order"],
     ["assembly"],
     ["graph"],

@@ -376,8 +376,8 @@ BAD_INPUT = [
 def test_bad_input_is_named_before_any_solving(make: object, message: str, monkeypatch: pytest.MonkeyPatch) -> None:
     x, faces = ow.shapes.bar(segments=8)
     launch = wp.launch
-    # What the graph is made of may run: a contradiction between welded vertices shows only then.
-    building = {"weld", "sorting", "assembly", "incidence", "order", "weights"}
+    # What looks for bad numbers may run, and what the graph is made of: a contradiction between welded vertices shows only then.
+    building = {"intake", "weld", "sorting", "assembly", "incidence", "order", "weights"}
 
     def launched(kernel: wp.Kernel, *args: object, **kwargs: object) -> None:
         assert kernel.module.name.removeprefix("oneform_warp.") in building, f"{kernel.key} ran"

@@ -218,3 +218,45 @@ def test_int32_limits_are_checked_before_anything_is_allocated() -> None:
         check_limits(1000, 2**30)
     with pytest.raises(ow.InputError, match="more than int32 can number"):
         check_limits(2**31, 10)
+
+
+SPELLINGS = {
+    "int32": lambda x, f: (x, f.astype(np.int32)),
+    "uint32": lambda x, f: (x, f.astype(np.uint32)),
+    "float32, rows not in order of memory": lambda x, f: (
+        np.asfortranarray(x.astype(np.float32)),
+        np.asfortranarray(f),
+    ),
+    "Warp": lambda x, f: (wp.array(x, dtype=wp.vec3d), wp.array(f.astype(np.int32), dtype=wp.int32)),
+    "Warp, float32 and vec3i": lambda x, f: (wp.array(x, dtype=wp.vec3), wp.array(f.astype(np.int32), dtype=wp.vec3i)),
+    "flat Warp rows": lambda x, f: (wp.array(x, dtype=wp.float64), wp.array(f.astype(np.int64), dtype=wp.int64)),
+    "indices and offsets": lambda x, f: (x, (f.ravel(), 3 * np.arange(len(f) + 1))),
+    "lists": lambda x, f: (x.tolist(), f.tolist()),
+}
+
+
+@pytest.mark.parametrize("spelling", SPELLINGS)
+def test_every_spelling_of_a_mesh_makes_the_same_graph(spelling: str, device: str) -> None:
+    x, faces = ow.shapes.sphere(2)
+    x = x.astype(np.float32).astype(np.float64)
+    expected = ow.Graph.from_faces(x, faces, device=device)
+    graph = ow.Graph.from_faces(*SPELLINGS[spelling](x, faces), device=device)
+    assert (graph.edges == expected.edges).all()
+    assert (graph.mu.numpy() == expected.mu.numpy()).all()
+
+
+@pytest.mark.parametrize("dtype", [np.int32, np.int64, np.uint32])
+def test_the_first_bad_number_is_named(dtype: type, device: str) -> None:
+    x, faces = ow.shapes.sphere(2)
+    far = faces.astype(dtype)
+    far[7, 1], far[9, 0] = 2**31 - 1, 2**31 - 1
+    with pytest.raises(ow.InputError, match="face 7: vertex number 2147483647 does not exist"):
+        ow.Graph.from_faces(x, far, device=device)
+    far[7, 1] = -1 if dtype is not np.uint32 else 2**32 - 1
+    with pytest.raises(ow.InputError, match=r"face 7: vertex number (-1|4294967295) does not exist"):
+        ow.Graph.from_faces(x, far, device=device)
+    x = x.copy()
+    x[5, 1], x[100, 0] = np.inf, np.nan
+    for rows in (x, wp.array(x, dtype=wp.vec3d), wp.array(x, dtype=wp.vec3)):
+        with pytest.raises(ow.InputError, match=r"x: row 5 is \[.*inf.*\], not finite"):
+            ow.Graph.from_faces(rows, faces, device=device)
