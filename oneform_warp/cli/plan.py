@@ -1,27 +1,25 @@
 """A mesh, its handles and a deformer: everything that is checked before the first kernel runs."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from oneform_warp import solvers
 from oneform_warp.cli.mesh_facts import box_text
 from oneform_warp.cli.selections import select_vertices
 from oneform_warp.cli.settings import Settings, weld_length
 from oneform_warp.cli.specs import HandleSpec
 from oneform_warp.deformation import Deformation
 from oneform_warp.deformer import Deformer
-from oneform_warp.errors import FileError, InputError
+from oneform_warp.errors import FileError
 from oneform_warp.fields import Smoothing
 from oneform_warp.filters import MeshFile
 from oneform_warp.filters.meshfile import WRITABLE
 from oneform_warp.graph import Graph
 from oneform_warp.handles import Handle
-from oneform_warp.solvers import Progress
+from oneform_warp.solvers import Progress, solver_named
 
 __all__ = ["Plan", "handle_text", "make_plan"]
 
@@ -71,32 +69,9 @@ def make_plan(mesh: MeshFile, specs: Sequence[HandleSpec], settings: Settings, o
         weld=weld_length(settings.weld),
         device=settings.device,
     )
-    deformer = Deformer(mesh.positions, graph, solver=_solver(settings, graph))
+    deformer = Deformer(mesh.positions, graph, solver=solver_named(settings.solver, graph, settings.solver_options))
     deformer.check(handles)
     return Plan(mesh, specs, handles, deformer, settings)
-
-
-NAMES = {
-    "cg": "CG",
-    "cholmod": "Cholmod",
-    "cudss": "CuDSS",
-    "jacobi": "Jacobi",
-    "multigrid": "Multigrid",
-    "superlu": "SuperLU",
-}
-
-
-def _solver(settings: Settings, graph: Graph) -> Any:
-    """The named solver, or the one that the library takes for this mesh, with the options that are given."""
-    auto = settings.solver == "auto"
-    base: Any = solvers.default_solver(graph) if auto else getattr(solvers, NAMES[settings.solver])()
-    known = {field.name for field in fields(base) if field.init}
-    for option in settings.solver_options:
-        if option not in known:
-            raise InputError(
-                f"{type(base).__name__} has no {option}", where="solver", fix=f"leave {option} out, or take multigrid"
-            )
-    return replace(base, **settings.solver_options)
 
 
 def handle_text(handle: Handle) -> str:
@@ -131,7 +106,7 @@ def _check_faces(mesh: MeshFile) -> None:
 
 def _check_format(mesh: MeshFile, out: Path) -> None:
     suffix = out.suffix.lower()
-    if suffix not in WRITABLE and not (suffix == mesh.path.suffix.lower() and mesh.backend == "trimesh"):
+    if suffix not in WRITABLE and not mesh.keeps(out):
         raise FileError(
             f"{suffix or 'no extension'} cannot be written", where=str(out), fix=f"use {', '.join(sorted(WRITABLE))}"
         )

@@ -4,7 +4,7 @@
 """
 
 from oneform_warp.solvers.cg import CG
-from oneform_warp.solvers.choice import default_solver
+from oneform_warp.solvers.choice import AUTO, SOLVERS, default_solver, iterative_solver, solver_named
 from oneform_warp.solvers.direct import Cholmod, CuDSS, SuperLU
 from oneform_warp.solvers.jacobi import Jacobi
 from oneform_warp.solvers.least_squares import solve
@@ -15,7 +15,9 @@ from oneform_warp.solvers.solver import Solver
 from oneform_warp.solvers.states import States
 
 __all__ = [
+    "AUTO",
     "CG",
+    "SOLVERS",
     "Cholmod",
     "CuDSS",
     "Jacobi",
@@ -28,5 +30,7 @@ __all__ = [
     "Status",
     "SuperLU",
     "default_solver",
+    "iterative_solver",
     "solve",
+    "solver_named",
 ]
