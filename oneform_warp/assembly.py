@@ -88,7 +88,6 @@ class Pairs(NamedTuple):
     second: wp.array[wp.int32]
     corner_count: int
     face_offsets: wp.array[wp.int32] | None
-    face_of: wp.array[wp.int32] | None
 
 
 @wp.kernel(enable_backward=False)
@@ -100,7 +99,6 @@ def _corners(
     # Out:
     first_out: wp.array[wp.int32],
     second_out: wp.array[wp.int32],
-    face_out: wp.array[wp.int32],
 ):
     f = wp.tid()
     begin = face_offsets[f]
@@ -108,7 +106,6 @@ def _corners(
     for c in range(begin, end):
         first_out[c] = group[indices[c]]
         second_out[c] = group[indices[wp.where(c + 1 == end, begin, c + 1)]]
-        face_out[c] = f
 
 
 @wp.kernel(enable_backward=False)
@@ -131,12 +128,11 @@ def on_corners(polygons: Corners | None, extra: NDArray[np.int64], groups: Group
     corner_count = 0 if polygons is None else polygons.indices.shape[0]
     total = corner_count + len(extra)
     first, second = (wp.empty(total, dtype=wp.int32, device=device) for _ in range(2))
-    offsets = face_of = None
+    offsets = None
     if polygons is not None:
         indices, offsets = polygons
-        face_of = wp.empty(corner_count, dtype=wp.int32, device=device)
         inputs = [indices, offsets, groups.of_vertex]
-        outputs = [first, second, face_of]
+        outputs = [first, second]
         wp.launch(_corners, dim=polygons.offsets.shape[0] - 1, inputs=inputs, outputs=outputs, device=device)
     if len(extra):
         pairs = wp.array(extra.astype(np.int32), dtype=wp.vec2i, device=device)
@@ -147,7 +143,7 @@ def on_corners(polygons: Corners | None, extra: NDArray[np.int64], groups: Group
             outputs=[first, second],
             device=device,
         )
-    return Pairs(first, second, corner_count, offsets, face_of)
+    return Pairs(first, second, corner_count, offsets)
 
 
 @wp.kernel(enable_backward=False)
@@ -198,10 +194,10 @@ def assemble(groups: Groups, pairs: Pairs, closeness: Callable[[UniqueEdges, int
     first = _look_up(order.node, pairs.first)
     corners = pairs.corner_count
     faces = None
-    if pairs.face_offsets is not None and pairs.face_of is not None:
+    if pairs.face_offsets is not None:
         # Warp slices no empty arrays.
         on_faces = first[:corners] if corners else wp.zeros(0, dtype=wp.int32, device=device)
-        faces = NodeFaces(on_faces, pairs.face_offsets, pairs.face_of)
+        faces = NodeFaces(on_faces, pairs.face_offsets)
     return Assembly(
         vertex_count=int(groups.of_vertex.shape[0]),
         node_of_vertex=_look_up(order.node, groups.of_vertex),

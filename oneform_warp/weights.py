@@ -54,11 +54,10 @@ class Listing:
 
 @dataclass(frozen=True, eq=False)
 class NodeFaces:
-    """Polygons in nodes: corner c belongs to face face_of[c]; face f has the corners offsets[f] to offsets[f + 1]."""
+    """Polygons in nodes: face f has the corners offsets[f] to offsets[f + 1]."""
 
     corners: wp.array[wp.int32]
     offsets: wp.array[wp.int32]
-    face_of: wp.array[wp.int32]
 
 
 def kind_named(weights: str, *, faces: bool) -> str:
@@ -101,6 +100,20 @@ def cotangent_at(apex: wp.vec3d, p: wp.vec3d, q: wp.vec3d, limit: wp.float64) ->
     return dot / area
 
 
+@wp.func
+def face_at(face_offsets: wp.array[wp.int32], corner: int) -> int:
+    """The face of a corner, by bisection: looked for once in a graph's life, and so not kept."""
+    low = int(0)
+    high = face_offsets.shape[0] - 1
+    while high - low > 1:
+        middle = (low + high) // 2
+        if face_offsets[middle] <= corner:
+            low = middle
+        else:
+            high = middle
+    return low
+
+
 @wp.kernel(enable_backward=False)
 def _cotangents(
     # Graph:
@@ -109,7 +122,6 @@ def _cotangents(
     unique_of: wp.array[wp.int32],
     corners: wp.array[wp.int32],
     face_offsets: wp.array[wp.int32],
-    face_of: wp.array[wp.int32],
     # In:
     x: wp.array[wp.vec3d],
     low: wp.float64,
@@ -124,7 +136,7 @@ def _cotangents(
     for k in range(listed_offsets[u], listed_offsets[u + 1]):
         c = order[k]
         if c < corners.shape[0]:
-            f = face_of[c]
+            f = face_at(face_offsets, c)
             first = face_offsets[f]
             last = face_offsets[f + 1] - 1
             if last - first >= 2:
@@ -148,7 +160,7 @@ def cotangent_weights(listing: Listing, faces: NodeFaces, x: wp.array[wp.vec3d])
     x: node positions, (n,) -> (m,). An edge that no triangle has gets weight 1. Source: Pinkall and Polthier 1993.
     """
     mu = wp.empty(listing.unique_of.shape[0], dtype=wp.float64, device=x.device)
-    inputs = [listing.order, listing.offsets, listing.unique_of, faces.corners, faces.offsets, faces.face_of, x]
+    inputs = [listing.order, listing.offsets, listing.unique_of, faces.corners, faces.offsets, x]
     wp.launch(_cotangents, dim=mu.shape[0], inputs=[*inputs, *COTANGENT_RANGE], outputs=[mu], device=x.device)
     return mu
 

@@ -6,7 +6,6 @@ constants, so the coarse attachment is P^T of the fine one, exactly zero where n
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import warp as wp
@@ -16,15 +15,7 @@ from oneform_warp.solvers.multigrid.prolongation import Prolongation
 from oneform_warp.solvers.rows import LaplacianRows
 from oneform_warp.sorting import scan
 
-__all__ = ["GalerkinPattern", "galerkin_pattern", "galerkin_values"]
-
-
-@dataclass(frozen=True, eq=False)
-class GalerkinPattern:
-    """Where A P and the off-diagonal of P^T A P have entries; serves any weights and any pins."""
-
-    product: Rows
-    coarse: Rows
+__all__ = ["coarse_pattern", "galerkin_values", "product_pattern"]
 
 
 @wp.kernel(enable_backward=False)
@@ -109,22 +100,29 @@ def _coarse_patterns(
     count_out[c] = count
 
 
-def galerkin_pattern(rows: LaplacianRows, p: Prolongation) -> GalerkinPattern:
-    """The patterns of A P and of the off-diagonal of P^T A P."""
-    device, fine, coarse = rows.segments.device, rows.inverse_diagonal.shape[0], p.coarse_count
+def product_pattern(rows: LaplacianRows, p: Prolongation) -> Rows:
+    """Where A P has entries. As large as A, so it is made when it is needed and not kept."""
+    inputs = [rows.offsets, rows.neighbours, p.rows.offsets]
+    count = rows.inverse_diagonal.shape[0]
+    return _pattern(count, _product_bounds, _product_patterns, inputs, [p.rows.columns], rows.segments.device)
 
-    def pattern(count: int, bounds_kernel: wp.Kernel, kernel: wp.Kernel, inputs: list[Any], more: list[Any]) -> Rows:
-        bounds, counts = (wp.zeros(count + 1, dtype=wp.int32, device=device) for _ in range(2))
-        wp.launch(bounds_kernel, dim=count, inputs=inputs, outputs=[bounds], device=device)
-        wide_offsets, room = scan(bounds)
-        wide = wp.empty(room, dtype=wp.int32, device=device)
-        wp.launch(kernel, dim=count, inputs=[*inputs, *more, wide_offsets], outputs=[wide, counts], device=device)
-        return compact(wide_offsets, wide, counts, device)
 
-    graph = [rows.offsets, rows.neighbours, p.rows.offsets]
-    product = pattern(fine, _product_bounds, _product_patterns, graph, [p.rows.columns])
-    columns = [p.column_offsets, p.row_of, product.offsets]
-    return GalerkinPattern(product, pattern(coarse, _coarse_bounds, _coarse_patterns, columns, [product.columns]))
+def coarse_pattern(p: Prolongation, product: Rows) -> Rows:
+    """Where P^T A P has entries off the diagonal; serves any weights and any pins."""
+    inputs = [p.column_offsets, p.row_of, product.offsets]
+    return _pattern(p.coarse_count, _coarse_bounds, _coarse_patterns, inputs, [product.columns], p.values.device)
+
+
+def _pattern(
+    count: int, bounds_kernel: wp.Kernel, kernel: wp.Kernel, inputs: list[Any], more: list[Any], device: Any
+) -> Rows:
+    """Rows of distinct columns: room for the most that there can be, then what is used of it."""
+    bounds, counts = (wp.zeros(count + 1, dtype=wp.int32, device=device) for _ in range(2))
+    wp.launch(bounds_kernel, dim=count, inputs=inputs, outputs=[bounds], device=device)
+    wide_offsets, room = scan(bounds)
+    wide = wp.empty(room, dtype=wp.int32, device=device)
+    wp.launch(kernel, dim=count, inputs=[*inputs, *more, wide_offsets], outputs=[wide, counts], device=device)
+    return compact(wide_offsets, wide, counts, device)
 
 
 @wp.kernel(enable_backward=False)
@@ -220,13 +218,13 @@ def _coarse_values(
     inverse_diagonal_out[c] = wp.where(diagonal > 0.0, 1.0 / bound, 0.0)
 
 
-def galerkin_values(rows: LaplacianRows, p: Prolongation, pattern: GalerkinPattern) -> LaplacianRows:
+def galerkin_values(rows: LaplacianRows, p: Prolongation, product: Rows, coarse_rows: Rows) -> LaplacianRows:
     """P^T A P as rows of the next level, with the rows of P masked where `rows` do not move."""
     device, fine, coarse = rows.segments.device, rows.inverse_diagonal.shape[0], p.coarse_count
-    ap = wp.empty(pattern.product.count, dtype=wp.float32, device=device)
+    ap = wp.empty(product.count, dtype=wp.float32, device=device)
     boundary = wp.empty(fine, dtype=wp.float32, device=device)
     p_table = [p.rows.offsets, p.rows.columns, p.values]
-    ap_table = [pattern.product.offsets, pattern.product.columns]
+    ap_table = [product.offsets, product.columns]
     wp.launch(
         _product_values,
         dim=fine,
@@ -234,16 +232,16 @@ def galerkin_values(rows: LaplacianRows, p: Prolongation, pattern: GalerkinPatte
         outputs=[ap, boundary],
         device=device,
     )
-    weight = wp.empty(pattern.coarse.count, dtype=wp.float32, device=device)
+    weight = wp.empty(coarse_rows.count, dtype=wp.float32, device=device)
     attachment, inverse = (wp.empty(coarse, dtype=wp.float32, device=device) for _ in range(2))
     columns = [rows.inverse_diagonal, p.column_offsets, p.row_of, p.column_values]
     wp.launch(
         _coarse_values,
         dim=coarse,
-        inputs=[*columns, *ap_table, ap, boundary, pattern.coarse.offsets, pattern.coarse.columns],
+        inputs=[*columns, *ap_table, ap, boundary, coarse_rows.offsets, coarse_rows.columns],
         outputs=[weight, attachment, inverse],
         device=device,
     )
     return LaplacianRows(
-        pattern.coarse.offsets, pattern.coarse.columns, weight, attachment, inverse, 1.0, rows.segments, rows.precision
+        coarse_rows.offsets, coarse_rows.columns, weight, attachment, inverse, 1.0, rows.segments, rows.precision
     )

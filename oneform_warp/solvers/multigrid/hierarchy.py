@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from oneform_warp.graph import Graph
 from oneform_warp.solvers.multigrid.aggregates import aggregate, strong_edges
-from oneform_warp.solvers.multigrid.galerkin import GalerkinPattern, galerkin_pattern, galerkin_values
+from oneform_warp.solvers.multigrid.compact import Rows
+from oneform_warp.solvers.multigrid.galerkin import coarse_pattern, galerkin_values, product_pattern
 from oneform_warp.solvers.multigrid.prolongation import Prolongation, smoothed_prolongation
 from oneform_warp.solvers.precision import FLOAT32
 from oneform_warp.solvers.rows import LaplacianRows
@@ -36,7 +37,8 @@ class Structure:
     """Prolongations and patterns of every level, from the weights alone: pins come later, as masks."""
 
     prolongations: tuple[Prolongation, ...]
-    patterns: tuple[GalerkinPattern, ...]
+    patterns: tuple[Rows, ...]
+    """Of the coarse matrices."""
     sizes: tuple[int, ...]
     entries: tuple[int, ...]
 
@@ -81,7 +83,7 @@ def structure(graph: Graph) -> Structure:
 
 def _coarsened(rows: LaplacianRows, threshold: float) -> Structure:
     prolongations: list[Prolongation] = []
-    patterns: list[GalerkinPattern] = []
+    patterns: list[Rows] = []
     sizes, entries = [rows.inverse_diagonal.shape[0]], [rows.weight.shape[0]]
     while sizes[-1] > COARSEST and entries[-1] > 0 and len(sizes) < LEVELS:
         strong = strong_edges(rows, threshold)
@@ -89,12 +91,13 @@ def _coarsened(rows: LaplacianRows, threshold: float) -> Structure:
         if count == 0 or count > STALL * sizes[-1]:
             break
         p = smoothed_prolongation(rows, strong, numbers, count)
-        pattern = galerkin_pattern(rows, p)
-        rows = galerkin_values(rows, p, pattern)
+        product = product_pattern(rows, p)
+        pattern = coarse_pattern(p, product)
+        rows = galerkin_values(rows, p, product, pattern)
         prolongations.append(p)
         patterns.append(pattern)
         sizes.append(count)
-        entries.append(pattern.coarse.count)
+        entries.append(pattern.count)
     return Structure(tuple(prolongations), tuple(patterns), tuple(sizes), tuple(entries))
 
 
@@ -103,7 +106,7 @@ def hierarchy(system: System) -> Hierarchy:
     made = structure(system.graph)
     levels = [LaplacianRows.of(system, FLOAT32)]
     for p, pattern in zip(made.prolongations, made.patterns, strict=True):
-        levels.append(galerkin_values(levels[-1], p, pattern))
+        levels.append(galerkin_values(levels[-1], p, product_pattern(levels[-1], p), pattern))
     inverse, moving = _dense_inverse(levels[-1])
     device = system.graph.device
     return Hierarchy(

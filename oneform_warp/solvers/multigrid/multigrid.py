@@ -161,11 +161,14 @@ class _Iteration:
     def __init__(self, system: System, rows: LaplacianRows, cycle: Cycle) -> None:
         self.goals, self.rows, self.cycle = system.goals, rows, cycle
         self.floor = rows.precision.floor
-        self.r, self.p, self.q = (rows.vectors() for _ in range(3))
+        single = rows.precision is FLOAT32
+        # Between two cycles q may lie where a cycle keeps its directions.
+        self.r, self.p = rows.vectors(), rows.vectors()
+        self.q = cycle.d[0] if single else rows.vectors()
         segments = rows.segments
         # Adding up e in float32 would round it, and the residual of that rounding is far above the goal.
         self.e = wp.zeros(self.r.shape[0], dtype=wp.vec3d, device=segments.device)
-        if rows.precision is FLOAT32:
+        if single:
             cycle.r[0] = self.r
         self.partials = segments.partials(), segments.partials()
         self.alpha, self.beta, self.rz, self.r_sum = (segments.zeros() for _ in range(4))
