@@ -18,7 +18,7 @@ from oneform_warp.incidence import UniqueEdges
 from oneform_warp.intake import faces_on, positions_on
 from oneform_warp.order import along_a_curve, as_numbered, by_breadth
 from oneform_warp.polygons import Faces
-from oneform_warp.segments import Segments
+from oneform_warp.segments import Segments, largest
 from oneform_warp.weights import (
     Weights,
     check_weights,
@@ -164,7 +164,7 @@ class Graph(Assembly):
     @cached_property
     def largest_weight(self) -> float:
         """The largest mu, 0 without edges."""
-        return float(self.mu.numpy().max(initial=0.0))
+        return largest(self.mu)
 
     @cached_property
     def copies(self) -> wp.array[wp.float64]:

@@ -14,7 +14,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-__all__ = ["CHUNK", "LANES", "Segments", "launch_chunks", "sum_chunks"]
+__all__ = ["CHUNK", "LANES", "Segments", "largest", "launch_chunks", "sum_chunks"]
 
 CHUNK = 512
 """Nodes per chunk: enough to amortise a block, few enough to fill a GPU from 100k nodes on."""
@@ -98,6 +98,31 @@ def launch_components(
         block_dim=segments.component_lanes,
         device=segments.device,
     )
+
+
+@wp.kernel(enable_backward=False)
+def _largest(
+    # In:
+    value: wp.array[wp.float64],
+    chunk: int,
+    # Out:
+    largest_out: wp.array[wp.float64],
+):
+    k, lane = wp.tid()
+    most = wp.float64(0.0)
+    for i in range(k * chunk + lane, wp.min((k + 1) * chunk, value.shape[0]), wp.block_dim()):
+        most = wp.max(most, value[i])
+    wp.tile_store(largest_out, wp.tile_max(wp.tile(most)), offset=k)
+
+
+def largest(values: wp.array[wp.float64]) -> float:
+    """The largest of values >= 0, and 0 where there are none."""
+    blocks = -(-values.shape[0] // CHUNK)
+    most = wp.zeros(blocks, dtype=wp.float64, device=values.device)
+    wp.launch_tiled(
+        _largest, dim=[blocks], inputs=[values, CHUNK], outputs=[most], block_dim=LANES, device=values.device
+    )
+    return float(most.numpy().max(initial=0.0))
 
 
 @wp.func

@@ -177,14 +177,14 @@ def test_statuses_that_are_not_converged() -> None:
 def test_progress_is_called_and_can_cancel() -> None:
     graph, x, v = twisted_sphere()
     calls: list[tuple[int, float]] = []
-    full = ow.solve(graph, v, start=x, progress=lambda n, ratio: calls.append((n, ratio)))
+    full = ow.solve(graph, v, start=x, solver=ow.CG(), progress=lambda n, ratio: calls.append((n, ratio)))
     assert full.converged
     assert [n for n, _ in calls] == sorted(n for n, _ in calls)
     assert calls[-1][1] < 1.0 < calls[0][1]
     assert [entry for entry in full.history if entry in calls] == calls
     stop = threading.Event()
     stop.set()
-    cancelled = ow.solve(graph, v, start=x, progress=lambda n, ratio: stop.is_set())
+    cancelled = ow.solve(graph, v, start=x, solver=ow.CG(), progress=lambda n, ratio: stop.is_set())
     assert cancelled.status is Status.CANCELLED
     assert 0 < cancelled.iterations < full.iterations
     assert ow.energy(graph, cancelled.x, v) < ow.energy(graph, x, v)

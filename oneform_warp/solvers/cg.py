@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from oneform_warp.graph import Graph
 from oneform_warp.segments import launch_chunks, launch_components, sum_of_chunks
-from oneform_warp.solvers.goals import Goals
+from oneform_warp.solvers.goals import Goals, attainable
 from oneform_warp.solvers.loop import Loop
 from oneform_warp.solvers.precision import FLOAT32, in_both_precisions, precision_named
 from oneform_warp.solvers.refinement import Correction, Refining, State, Watch
@@ -137,14 +137,17 @@ def _step(
 
 
 @wp.kernel(enable_backward=False)
-def beta_of_components(
+def _beta(
     component_chunks: wp.array[wp.int32],
     # In:
     rz_partial: wp.array[wp.vec3d],
     rr_partial: wp.array[wp.vec3d],
+    floor: wp.float64,
     # Out:
     rz_out: wp.array[wp.vec3d],
     rr_out: wp.array[wp.vec3d],
+    aim_out: wp.array[wp.vec3d],
+    peak_out: wp.array[wp.vec3d],
     beta_out: wp.array[wp.vec3d],
 ):
     c, lane = wp.tid()
@@ -155,9 +158,12 @@ def beta_of_components(
         for d in range(3):
             if rz_out[c][d] != wp.float64(0.0):
                 beta[d] = rz[d] / rz_out[c][d]
+        peak = wp.max(peak_out[c], rr)
         beta_out[c] = beta
         rz_out[c] = rz
         rr_out[c] = rr
+        peak_out[c] = peak
+        aim_out[c] = attainable(aim_out[c], peak, floor)
 
 
 @in_both_precisions
@@ -203,9 +209,14 @@ class _Iteration:
             [rows.inverse_diagonal, self.r],
             [self.e, self.p, self.rz, self.rr],
         )
-        launch_components(beta_of_components, segments, [self.rz, self.rr], [self.rz_sum, goals.size, self.beta])
+        self._measure()
         done = self.loop.run(budget, None if watch is None else lambda count: watch(count, goals.norms()))
         return Correction(self.e, rows.scale, goals.unit, done)
+
+    def _measure(self) -> None:
+        goals, inputs = self.goals, [self.rz, self.rr, self.floor]
+        outputs = [self.rz_sum, goals.size, goals.aim, goals.peak, self.beta]
+        launch_components(_beta, self.rows.segments, inputs, outputs)
 
     def _iterate(self) -> None:
         goals, rows, segments, precision = self.goals, self.rows, self.rows.segments, self.rows.precision
@@ -218,7 +229,7 @@ class _Iteration:
             [segments.chunk_component, diagonal, self.alpha, self.p, self.q],
             [self.e, self.r, self.rz, self.rr],
         )
-        launch_components(beta_of_components, segments, [self.rz, self.rr], [self.rz_sum, goals.size, self.beta])
+        self._measure()
         launch_chunks(
             _direction(precision), segments, [segments.chunk_component, diagonal, self.beta, self.r], [self.p]
         )

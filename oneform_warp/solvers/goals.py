@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from oneform_warp.segments import Segments, launch_components, sum_of_chunks
 
-__all__ = ["Account", "Goals"]
+__all__ = ["Account", "Goals", "attainable"]
 
 SAFETY = wp.constant(wp.float64(0.5))
 """The inner solver aims below the goal, since its residual drifts from the true one."""
@@ -74,6 +74,7 @@ def _aim(
     unit_out: wp.array[wp.vec3d],
     size_out: wp.array[wp.vec3d],
     aim_out: wp.array[wp.vec3d],
+    peak_out: wp.array[wp.vec3d],
 ):
     c = wp.tid()
     unit = wp.vec3d()
@@ -90,6 +91,16 @@ def _aim(
     unit_out[c] = unit
     size_out[c] = size
     aim_out[c] = aim
+    peak_out[c] = size
+
+
+@wp.func
+def attainable(aim: wp.vec3d, peak: wp.vec3d, floor: wp.float64) -> wp.vec3d:
+    """The aim, but no less than the part `floor` of the largest norm that there was; all squared but the floor.
+
+    Below that, the rounding errors of the largest steps are all that is left in a recursion, and it grows again.
+    """
+    return wp.max(aim, floor * floor * peak)
 
 
 class Account(NamedTuple):
@@ -103,8 +114,8 @@ class Account(NamedTuple):
 class Goals:
     """|r| per component and column, the norm at which it is small enough, and the same in units that float32 holds.
 
-    `unit` is a power of two near |r|, `size` is |r / unit|^2, and `aim` is what size should become. Solvers on the
-    same system share the arrays.
+    `unit` is a power of two near |r|, `size` is |r / unit|^2, `aim` is what size should become, and `peak` is the
+    largest that it was. Solvers on the same system share the arrays.
     """
 
     def __init__(self, segments: Segments) -> None:
@@ -112,7 +123,7 @@ class Goals:
         # Together, so that the host fetches them at once; Warp makes no views of empty arrays.
         self._table = wp.zeros((3, max(segments.component_count, 1)), dtype=wp.vec3d, device=segments.device)
         self.norm, self.before, self.goal = (self._table[k] for k in range(3))
-        self.unit, self.size, self.aim = (segments.zeros() for _ in range(3))
+        self.unit, self.size, self.aim, self.peak = (segments.zeros() for _ in range(4))
 
     def set(self, squares: Sequence[wp.array[wp.vec3d]], tol: float) -> None:
         """Goal = max(tol |codiff v|, rounding), with |r| in place of |codiff v| where that is lost in rounding.
@@ -127,7 +138,7 @@ class Goals:
 
     def take_aim(self, floor: float) -> None:
         """Unit, size and aim of the next correction; floor: the part of |r| that it can reach in its precision."""
-        inputs, outputs = [self.norm, self.goal, floor], [self.unit, self.size, self.aim]
+        inputs, outputs = [self.norm, self.goal, floor], [self.unit, self.size, self.aim, self.peak]
         wp.launch(_aim, dim=self.segments.component_count, inputs=inputs, outputs=outputs, device=self.segments.device)
 
     def account(self) -> Account:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from oneform_warp.graph import Graph
 from oneform_warp.segments import launch_chunks, launch_components, sum_of_chunks
 from oneform_warp.solvers.cg import alpha_of_components, product_and_dot
+from oneform_warp.solvers.goals import attainable
 from oneform_warp.solvers.loop import Loop, Recording
 from oneform_warp.solvers.multigrid.cycle import Cycle
 from oneform_warp.solvers.multigrid.hierarchy import hierarchy
@@ -138,17 +139,24 @@ def _size(
     mean: wp.array[wp.float64],
     rr_partial: wp.array[wp.vec3d],
     sum_partial: wp.array[wp.vec3d],
+    floor: wp.float64,
     # Out:
     rr_out: wp.array[wp.vec3d],
     sum_out: wp.array[wp.vec3d],
+    aim_out: wp.array[wp.vec3d],
+    peak_out: wp.array[wp.vec3d],
 ):
     c, lane = wp.tid()
     rr = wp.tile_extract(sum_of_chunks(component_chunks, rr_partial, c, lane), 0)
     total = wp.tile_extract(sum_of_chunks(component_chunks, sum_partial, c, lane), 0)
     if lane == 0:
         # By rounding, the difference may be below zero.
-        rr_out[c] = wp.max(rr - mean[c] * wp.cw_mul(total, total), wp.vec3d())
+        rr = wp.max(rr - mean[c] * wp.cw_mul(total, total), wp.vec3d())
+        peak = wp.max(peak_out[c], rr)
+        rr_out[c] = rr
         sum_out[c] = total
+        peak_out[c] = peak
+        aim_out[c] = attainable(aim_out[c], peak, floor)
 
 
 class _Iteration:
@@ -206,7 +214,8 @@ class _Iteration:
         )
         inputs = [segments.chunk_component, self.alpha, self.p, self.q]
         launch_chunks(_step(precision), segments, inputs, [self.e, self.r, first, second])
-        launch_components(_size, segments, [self.mean, first, second], [self.goals.size, self.r_sum])
+        inputs, goals = [self.mean, first, second, self.floor], self.goals
+        launch_components(_size, segments, inputs, [goals.size, self.r_sum, goals.aim, goals.peak])
 
 
 @dataclass(frozen=True)
