@@ -45,7 +45,7 @@ figures: setup ## draw the figures of the paper into figures/
 
 lock: setup ## bring requirements.lock up to date (needs uv)
 	uv pip compile --quiet --upgrade --universal --generate-hashes --no-emit-index-url --no-emit-find-links \
-		--no-header --extra preview --extra test --extra cholmod pyproject.toml -o requirements.lock
+		--no-header --extra preview --extra test --extra cholmod --extra cluster pyproject.toml -o requirements.lock
 
 clean: ## remove what was built; .venv stays
 	rm -rf build dist demo *.egg-info .mypy_cache .pytest_cache .ruff_cache .hypothesis

@@ -6,4 +6,5 @@ The link oneform_warp/filters is lost in a source distribution and in checkouts 
 from setuptools import find_packages, setup
 
 found = find_packages(include=["oneform_warp", "oneform_warp.*"])
-setup(packages=sorted({*found, "oneform_warp.filters"}))
+linked = [f"oneform_warp.filters.{name}" for name in find_packages("filters")]
+setup(packages=sorted({*found, "oneform_warp.filters", *linked}))

@@ -5,33 +5,39 @@ import tempfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from oneform_warp.errors import FileError
-from oneform_warp.filters.records import ObjRecords, OffRecords, Polygons, Records, scan
+from oneform_warp.errors import FileError, InputError
+from oneform_warp.filters.backends import Backend, Loaded, load, save
+from oneform_warp.filters.formats import OffRecords, Polygons, Records, StlRecords, scan
+from oneform_warp.filters.formats.companions import copy_companions, find_companions, sync
+from oneform_warp.filters.formats.losses import lost
+from oneform_warp.filters.formats.motion import Motion, Normals
+from oneform_warp.filters.formats.records import packed_triangles
 
-__all__ = ["MeshFile", "read_mesh"]
+__all__ = ["READABLE", "SCENES", "WRITABLE", "MeshFile", "read_mesh"]
 
-Backend = Literal["auto", "pymeshlab", "trimesh"]
 Faces = NDArray[np.int32] | Polygons
 
 SCENES = {".glb", ".gltf"}
-READABLE = {".obj", ".off", ".ply", ".stl", ".xyz", ".dae", ".3ds", ".wrl", ".x3d"} | SCENES
 WRITABLE = {".obj", ".off", ".ply", ".stl", ".xyz", ".dae", ".3ds", ".wrl", ".x3d"}
+READABLE = WRITABLE | SCENES
+TEXTURED = {".obj", ".ply", ".dae", ".wrl", ".x3d"}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class MeshFile:
     """A mesh as its file has it.
 
-    `positions` (V, 3) float64, in the file's unit and frame. `faces` (F, 3) int32 where all are triangles
-    (also without any), else vertex indices and offsets (F + 1,), both int32. `colors` (V, 4) in 0..1,
-    `normals` (V, 3) and `quality` (V,) are None where absent. `groups` has the vertices of each OBJ group
-    and object.
+    `positions` (V, 3) float64, in the file's unit and frame, those of glTF in world space; V and the order are those of
+    MeshLab's importer. `faces` (F, 3) int32 where all are triangles (also without any), else vertex indices and offsets
+    (F + 1,), both int32. `colors` (V, 4) in 0..1, `normals` (V, 3) and `quality` (V,) are None where absent. `groups`
+    has the vertices of each OBJ group and object, and of each glTF node.
     """
 
     path: Path
@@ -42,46 +48,110 @@ class MeshFile:
     quality: NDArray[np.float64] | None
     groups: Mapping[str, NDArray[np.int32]]
     backend: str
-    _handle: Any = field(repr=False)
+    _loaded: Loaded = field(repr=False)
     _records: Records | None = field(repr=False)
 
-    def write(self, path: str | os.PathLike[str], positions: ArrayLike) -> None:
-        """Write this mesh with other coordinates (V, 3); the extension decides the format.
+    @cached_property
+    def vertex_of(self) -> NDArray[np.int64]:
+        """The vertex of each vertex record of the file, (R,): STL has three records a face, others one a vertex."""
+        if not isinstance(self._records, StlRecords):
+            return np.arange(len(self.positions))
+        vertices = _packed(self.faces)[0].astype(np.int64)
+        if not np.array_equal(self.positions[vertices], self._records.positions()):
+            raise FileError("its triangles were read in another order", where=str(self.path), fix="report it")
+        return vertices
 
-        In the format that was read (OBJ, OFF, PLY), only the numbers of the vertices and normals change in
-        the file. Other formats keep what they can hold. The file is complete or not there. Raises FileError
-        for coordinates that do not fit or are not finite, an unknown extension, a missing folder, and a
-        failure to write.
+    def keeps(self, path: str | os.PathLike[str]) -> bool:
+        """Whether a file at this path would be this one with other numbers, everything else in it kept."""
+        return self._records is not None and Path(path).suffix.lower() == self.path.suffix.lower()
+
+    def lost(self, path: str | os.PathLike[str]) -> tuple[str, ...]:
+        """What this file has and one at another path cannot have, in words; nothing in the format that was read."""
+        if self._records is None or self.keeps(path):
+            return ()
+        with _failures(self.path, "read"):
+            return lost(self._records.contents(), Path(path).suffix.lower())
+
+    def check_target(self, path: str | os.PathLike[str]) -> None:
+        """Raise FileError where this mesh cannot be written to a path: its extension or its folder."""
+        target = Path(path).absolute()
+        if target.suffix.lower() not in WRITABLE and not self.keeps(target):
+            raise _unsupported(target, WRITABLE)
+        if not target.parent.is_dir():
+            raise FileError("the folder does not exist", where=str(target), fix="make the folder first")
+
+    def write(
+        self,
+        path: str | os.PathLike[str],
+        positions: ArrayLike,
+        *,
+        normals: Normals = "rotate",
+        omega: ArrayLike | None = None,
+    ) -> tuple[str, ...]:
+        """Write this mesh with other coordinates (V, 3); the extension decides the format. -> warnings.
+
+        In the format that was read (OBJ, OFF, PLY, STL, glTF) only the numbers of vertices that move change in the
+        file, and those of normals that turn: by omega (V, 3), rotation vectors in radians, or without it as the
+        surface turns; "recompute" makes all anew from the surface, "keep" leaves them. Other formats keep what they
+        can hold. Materials and textures are copied into another folder. The file is complete or not there.
+        Raises InputError for omega and normals, FileError for coordinates that do not fit or are not finite, an
+        unknown extension, a missing folder, and a failure to write.
         """
         target = Path(path).absolute()
         points = _checked(positions, self.path)
         if points.shape != self.positions.shape:
             raise FileError(f"{len(self.positions)} vertices, but positions {points.shape}", where=str(self.path))
-        same = target.suffix.lower() == self.path.suffix.lower()
-        if target.suffix.lower() not in WRITABLE and not (same and self.backend == "trimesh"):
-            raise _unsupported(target, WRITABLE)
-        if not target.parent.is_dir():
-            raise FileError("the folder does not exist", where=str(target), fix="make the folder first")
+        if normals not in get_args(Normals):
+            raise InputError(
+                f"{normals!r} is no way to treat normals", where="normals", fix="use rotate, recompute, keep"
+            )
+        turns = None if omega is None else _checked_omega(omega, points.shape)
+        self.check_target(target)
         with (
             _failures(target, "written"),
-            tempfile.TemporaryDirectory(dir=target.parent, prefix=".") as folder,
+            tempfile.TemporaryDirectory(dir=target.parent, prefix=".") as name,
         ):
-            part = Path(folder) / target.name
-            if same and self._records is not None:
-                part.write_bytes(self._records.moved(points, _packed(self.faces)))
-            else:
-                (_save_pymeshlab if self.backend == "pymeshlab" else _save_trimesh)(self, part, points)
-            # Materials and textures first: the mesh refers to them.
-            for made in sorted(Path(folder).iterdir(), key=lambda made: made.name == target.name):
-                os.replace(made, target.parent / made.name)
+            folder = Path(name)
+            companions, warnings = self._make(folder, target, points, turns, normals)
+            warnings += copy_companions(companions, self.path.parent, target.parent)
+            warnings += _put(folder, target)
+        return tuple(warnings)
+
+    def _make(
+        self,
+        folder: Path,
+        target: Path,
+        points: NDArray[np.float64],
+        omega: NDArray[np.float64] | None,
+        normals: Normals,
+    ) -> tuple[list[Path], list[str]]:
+        """Write the mesh into a folder, under the target's name; -> files that belong to it, and warnings."""
+        elsewhere = not _same_folder(target.parent, self.path.parent)
+        names = self._records.companions() if self._records is not None else ()
+        if self._records is None or not self.keeps(target):
+            save(self.path, self._loaded, folder / target.name, points, self._records)
+            wanted = elsewhere and target.suffix.lower() in TEXTURED
+            files, warnings = find_companions(self.path.parent, names) if wanted else ([], [])
+            return [file for file in files if file.suffix.lower() not in (".mtl", ".bin")], warnings
+        rows = self.vertex_of
+        turns = None if omega is None else omega[rows]
+        motion = Motion(self.positions[rows], points[rows], _packed(self.faces), turns, normals)
+        taken = frozenset() if elsewhere else frozenset(names)
+        made = self._records.files(motion, target.name, taken)
+        for name, data in made.items():
+            (folder / name).write_bytes(data)
+        files, warnings = find_companions(self.path.parent, names) if elsewhere else ([], [])
+        return [file for file in files if file.name not in made], warnings
 
 
-def read_mesh(path: str | os.PathLike[str], *, backend: Backend = "auto") -> MeshFile:
+def read_mesh(path: str | os.PathLike[str], *, backend: Backend = "auto", mesh_set: Any = None) -> MeshFile:
     """Read a mesh or a point cloud.
 
-    "auto" takes pymeshlab, but trimesh for GLB and glTF and where pymeshlab cannot be used. Raises FileError,
-    with the path and what to do, for a file that is missing, not readable, empty or not understood, for
-    several meshes in one file, and for coordinates that are not finite.
+    "auto" takes pymeshlab, and trimesh where pymeshlab cannot be used; glTF is read as it stands, all nodes in world
+    space as one mesh. mesh_set: a pymeshlab.MeshSet that gets the mesh too, as its current one, without reading it
+    twice. Raises FileError, with the path and what to do, for a file that is missing, not readable, empty or not
+    understood, for several meshes in one file, for scenes that cannot be deformed (skinned, instanced, compressed,
+    quantised), and for coordinates that are not finite.
     """
     source = Path(path).absolute()
     if source.suffix.lower() not in READABLE:
@@ -93,113 +163,54 @@ def read_mesh(path: str | os.PathLike[str], *, backend: Backend = "auto") -> Mes
         records = scan(source)
         if isinstance(records, OffRecords) and records.faces:
             _check_indices(records.polygons()[0], records.vertices, source)  # MeshLab would crash
-        mesh = _load(source, backend, records)
-    if records is not None and records.vertices != len(mesh.positions):
-        with _failures(source, "read"):
-            positions = records.positions()
-        _checked(positions, source)  # MeshLab leaves out vertices with NaN and says nothing
-        raise FileError(
-            f"{records.vertices} vertices in the file, but {len(mesh.positions)} were read", where=str(source)
-        )
-    _checked(mesh.positions, source)
-    _check_indices(_packed(mesh.faces)[0], len(mesh.positions), source)
-    return mesh
-
-
-def _load(path: Path, backend: Backend, records: Records | None) -> MeshFile:
-    """Read by the wanted backend, or by the first one that can."""
-    if backend == "trimesh" or (backend == "auto" and path.suffix.lower() in SCENES):
-        return _load_trimesh(path, records)
-    try:
-        import pymeshlab
-    except ImportError:
-        if backend == "pymeshlab":
-            raise FileError("pymeshlab is not installed", where=str(path), fix="use backend='auto'") from None
-        return _load_trimesh(path, records)
-    try:
-        return _load_pymeshlab(path, records)
-    except pymeshlab.PyMeshLabException as error:
-        # A build without OpenGL lacks PLY and others; anything else is the file's own fault.
-        if backend == "auto" and "nknown" in str(error):
-            return _load_trimesh(path, records)
-        raise
-
-
-def _load_pymeshlab(path: Path, records: Records | None) -> MeshFile:
-    import pymeshlab
-
-    meshes = pymeshlab.MeshSet()
-    if isinstance(records, OffRecords) and records.unusual:
-        with tempfile.TemporaryDirectory() as folder:
-            flowed = Path(folder) / path.name
-            flowed.write_bytes(records.flowed())
-            meshes.load_new_mesh(str(flowed))
-    else:
-        meshes.load_new_mesh(str(path))
-    if meshes.mesh_number() != 1:
-        raise ValueError(f"it has {meshes.mesh_number()} meshes, not one")
-    mesh = meshes.current_mesh()
-    faces = _faces(mesh.face_matrix(), mesh.polygonal_face_list, records)
+        loaded = load(source, backend, records, mesh_set)
+        if records is not None:
+            _check_count(records, loaded, source)
+        faces = _faces(loaded, records)
+        groups = records.groups() if records is not None else {}
+    _checked(loaded.positions, source)
+    _check_indices(_packed(faces)[0], len(loaded.positions), source)
     return MeshFile(
-        path=path,
-        positions=np.ascontiguousarray(mesh.vertex_matrix(), dtype=np.float64),
+        path=source,
+        positions=loaded.positions,
         faces=faces,
-        colors=np.asarray(mesh.vertex_color_matrix()) if mesh.has_vertex_color() else None,
-        normals=np.asarray(mesh.vertex_normal_matrix()) if mesh.face_number() else None,
-        quality=np.asarray(mesh.vertex_scalar_array()) if mesh.has_vertex_scalar() else None,
-        groups=records.groups() if records else {},
-        backend="pymeshlab",
-        _handle=meshes,
+        colors=loaded.colors,
+        normals=loaded.normals,
+        quality=loaded.quality,
+        groups=groups,
+        backend=loaded.backend,
+        _loaded=loaded,
         _records=records,
     )
 
 
-def _load_trimesh(path: Path, records: Records | None) -> MeshFile:
-    import trimesh
-
-    scene = trimesh.load_scene(path, process=False, maintain_order=True)
-    read = sum(len(mesh.vertices) for mesh in scene.geometry.values())
-    if isinstance(records, ObjRecords) and records.vertices != read:
-        # trimesh splits by material and leaves out loose vertices: take the records themselves.
-        mesh = trimesh.Trimesh(records.positions(), process=False)
-        scene = trimesh.Scene(mesh)
-    if len(scene.geometry) != 1:
-        raise ValueError(f"it has {len(scene.geometry)} meshes, not one")
-    mesh = next(iter(scene.geometry.values()))
-    triangles = np.asarray(getattr(mesh, "faces", np.zeros((0, 3))), dtype=np.int32)
-    colors = mesh.visual.vertex_colors if getattr(mesh.visual, "kind", "") == "vertex" else None
-    return MeshFile(
-        path=path,
-        positions=np.array(mesh.vertices, dtype=np.float64),
-        faces=_faces(triangles, None, records),
-        colors=np.asarray(colors) / 255 if colors is not None else None,
-        normals=np.array(mesh.vertex_normals) if len(triangles) else None,
-        quality=None,
-        groups=records.groups() if records else {},
-        backend="trimesh",
-        _handle=scene,
-        _records=records,
-    )
+def _check_count(records: Records, loaded: Loaded, path: Path) -> None:
+    """Raise FileError where the library read other vertices than the file has, for the first that is not finite."""
+    if isinstance(records, StlRecords) or len(loaded.positions) == records.vertices:
+        return
+    _checked(records.positions(), path)  # MeshLab leaves out vertices with NaN and says nothing
+    what = f"{records.vertices} vertices in the file, but {len(loaded.positions)} were read"
+    raise FileError(what, where=str(path), fix="check the file")
 
 
-def _faces(triangles: NDArray[Any], polygonal: Any, records: Records | None) -> Faces:
-    """The faces as in the file, from an importer's triangles.
+def _faces(loaded: Loaded, records: Records | None) -> Faces:
+    """The faces as in the file, from a library's triangles.
 
     As many triangles as face records: all are triangles. This saves MeshLab's list of polygons, which takes a
     second for a million faces.
     """
-    triangles = np.ascontiguousarray(triangles, dtype=np.int32).reshape(-1, 3)
+    triangles = loaded.triangles
     if not len(triangles) and not (records and records.faces):
         return triangles
     if records is not None and records.faces != len(triangles):
         polygons = records.polygons()
         if polygons is not None:
             return polygons
-    elif records is not None or polygonal is None:
+    elif records is not None or loaded.polygons is None:
         return triangles
-    if polygonal is None:
+    if loaded.polygons is None:
         return triangles
-    faces = polygonal()
+    faces = loaded.polygons()
     if records is not None and len(faces) != records.faces:
         raise ValueError(f"{records.faces} faces in the file, but MeshLab makes {len(faces)} of them")
     sizes = [len(face) for face in faces]
@@ -208,43 +219,30 @@ def _faces(triangles: NDArray[Any], polygonal: Any, records: Records | None) -> 
     return np.concatenate(faces).astype(np.int32), np.cumsum([0, *sizes], dtype=np.int32)
 
 
-def _save_pymeshlab(mesh: MeshFile, path: Path, points: NDArray[np.float64]) -> None:
-    """Write by MeshLab: its mesh, moved onto the new positions."""
-    import pymeshlab
+def _put(folder: Path, target: Path) -> list[str]:
+    """Move what was written in a folder beside the target, brought to the disk, the mesh last; -> warnings.
 
-    meshes = mesh._handle
-    if not meshes.current_mesh().face_number():
-        given = {"v_color_matrix": mesh.colors, "v_scalar_array": mesh.quality}
-        meshes = pymeshlab.MeshSet()
-        meshes.add_mesh(pymeshlab.Mesh(points, **{name: a for name, a in given.items() if a is not None}))
-        meshes.save_current_mesh(str(path))
-        return
-    current = meshes.current_mesh_id()
-    meshes.add_mesh(pymeshlab.Mesh(points))
-    target = meshes.current_mesh_id()
-    meshes.set_current_mesh(current)
-    for _ in range(2):  # the first pass leaves rounding errors of the difference, the second one none
-        meshes.compute_coord_linear_morphing(targetmesh=target, percentmorph=100)
-    meshes.set_current_mesh(target)
-    meshes.delete_current_mesh()
-    meshes.set_current_mesh(current)
-    images = [image for image in meshes.current_mesh().textures().values() if image.width() > 0]
-    meshes.save_current_mesh(str(path), save_textures=bool(images))
-
-
-def _save_trimesh(mesh: MeshFile, path: Path, points: NDArray[np.float64]) -> None:
-    """Write by trimesh; a scene keeps its transforms and materials, polygons become triangles."""
-    scene = mesh._handle.copy()
-    geometry = next(iter(scene.geometry.values()))
-    geometry.vertices = points
-    (scene if path.suffix.lower() in SCENES else geometry).export(str(path))
+    MeshLab's materials, named after the mesh, and the buffers of a scene belong to it; a texture that is there already
+    with other contents is somebody else's and stays.
+    """
+    beside = [made for made in sorted(folder.iterdir()) if made.name != target.name]
+    own = [made for made in beside if made.name.startswith(target.name) or made.suffix == ".bin"]
+    textures = [made for made in beside if made not in own]
+    warnings = list(copy_companions(textures, folder, target.parent))
+    for made in [*own, folder / target.name]:  # the mesh refers to the others
+        sync(made)
+        os.replace(made, target.parent / made.name)
+    sync(target.parent)
+    return warnings
 
 
 def _packed(faces: Faces) -> Polygons:
     """Faces as indices and offsets."""
-    if isinstance(faces, tuple):
-        return faces
-    return faces.ravel(), np.arange(0, faces.size + 1, 3, dtype=np.int32)
+    return faces if isinstance(faces, tuple) else packed_triangles(faces)
+
+
+def _same_folder(left: Path, right: Path) -> bool:
+    return left.resolve() == right.resolve()
 
 
 def _checked(positions: ArrayLike, path: Path) -> NDArray[np.float64]:
@@ -258,6 +256,14 @@ def _checked(positions: ArrayLike, path: Path) -> NDArray[np.float64]:
         what = f"vertex {bad[0]} (from 0) is not finite: {values}"
         raise FileError(what, where=str(path), fix=f"repair it and {len(bad) - 1} more")
     return points
+
+
+def _checked_omega(omega: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.float64]:
+    """Rotation vectors (V, 3) that are finite."""
+    vectors = np.asarray(omega, dtype=np.float64)
+    if vectors.shape != shape or not np.isfinite(vectors).all():
+        raise InputError(f"omega is {vectors.shape} for positions {shape}", where="omega", fix="give finite (V, 3)")
+    return vectors
 
 
 def _check_indices(indices: NDArray[np.int32], vertices: int, path: Path) -> None:

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from oneform_warp.errors import FileError
+from oneform_warp.errors import FileError, InputError
 from oneform_warp.filters import read_mesh
 
 MESHES = Path(os.environ.get("ONEFORM_MESHES", Path(__file__).parents[2] / "shared" / "meshes"))
@@ -162,3 +162,75 @@ def test_real_files_are_written_back_the_same(path, tmp_path):
     again = read_mesh(target)
     np.testing.assert_array_equal(again.positions, moved)
     assert same_faces(again.faces, mesh.faces)
+
+
+def test_a_mesh_set_gets_the_mesh_without_reading_it_twice(tmp_path):
+    pymeshlab = pytest.importorskip("pymeshlab", reason="pymeshlab is not installed")
+    meshes = pymeshlab.MeshSet()
+    meshes.create_cube()
+    for name, content in [("a.obj", MIXED_OBJ), ("a.off", QUADS_OFF), ("a.ply", NORMALS_PLY)]:
+        mesh = read_mesh(put(tmp_path, name, content), mesh_set=meshes)
+        np.testing.assert_array_equal(meshes.current_mesh().vertex_matrix(), mesh.positions)
+        mesh.write(tmp_path / "b.ply", mesh.positions + 1)  # by another way than the caller's mesh set
+        np.testing.assert_array_equal(meshes.current_mesh().vertex_matrix(), mesh.positions)
+    assert meshes.mesh_number() == 4
+
+
+@pytest.mark.parametrize(("name", "content"), [("a.obj", MIXED_OBJ), ("a.ply", NORMALS_PLY), ("a.off", QUADS_OFF)])
+@pytest.mark.parametrize("suffix", ["same", ".ply", ".obj"])
+def test_a_second_run_gives_the_same_bytes(tmp_path, name, content, suffix):
+    target = tmp_path / f"b{name[1:] if suffix == 'same' else suffix}"
+    written = []
+    for _ in range(2):
+        mesh = read_mesh(put(tmp_path, name, content))
+        mesh.write(target, np.sin(mesh.positions), omega=np.cos(mesh.positions))
+        written.append(target.read_bytes())
+    assert written[0] == written[1]
+
+
+def test_omega_and_normals_are_checked_before_anything_is_written(tmp_path):
+    mesh = read_mesh(put(tmp_path, "a.ply", NORMALS_PLY))
+    for options, message in [
+        ({"omega": np.zeros((2, 3))}, "omega"),
+        ({"omega": np.full((3, 3), np.nan)}, "omega"),
+        ({"normals": "turn"}, "use rotate, recompute, keep"),
+    ]:
+        with pytest.raises(InputError, match=message):
+            mesh.write(tmp_path / "b.ply", mesh.positions, **options)
+    assert not (tmp_path / "b.ply").exists()
+
+
+@pytest.mark.parametrize("name", ["-o.obj", "a b\n.obj", "ü" * 120 + ".obj", "..obj", "$(x);'\".obj"])
+def test_any_name_of_a_file_will_do(tmp_path, name):
+    mesh = read_mesh(put(tmp_path, name, MIXED_OBJ))
+    out = tmp_path / "out"
+    out.mkdir()
+    mesh.write(out / name, mesh.positions)
+    assert (out / name).read_bytes() == MIXED_OBJ.encode()
+    assert [path.name for path in out.iterdir()] == [name]
+
+
+def test_what_another_format_loses_is_said(tmp_path):
+    mesh = read_mesh(put(tmp_path, "a.obj", MIXED_OBJ))
+    assert mesh.lost("b.obj") == ()
+    assert set(mesh.lost("b.ply")) == {
+        "corner normals",
+        "groups",
+        "objects",
+        "materials",
+        "names of materials",
+        "polygons",
+        "comments",
+    }
+    assert set(mesh.lost("c.stl")) - set(mesh.lost("b.ply")) == {"UVs", "colours"}
+    mesh = read_mesh(put(tmp_path, "a.ply", NORMALS_PLY))
+    assert mesh.lost("b.obj") == ("property heat",)
+
+
+def test_a_link_is_replaced_and_what_it_leads_to_stays(tmp_path):
+    mesh = read_mesh(put(tmp_path, "a.obj", MIXED_OBJ))
+    outside = put(tmp_path, "outside.obj", "precious")
+    (tmp_path / "b.obj").symlink_to(outside)
+    mesh.write(tmp_path / "b.obj", mesh.positions)
+    assert outside.read_text() == "precious"
+    assert (tmp_path / "b.obj").read_text() == MIXED_OBJ

@@ -1,4 +1,4 @@
-"""The command line: oneform-warp deform, info, doctor and demo.
+"""The command line: oneform-warp deform, batch, recipe, info, doctor and demo.
 
 Modules that a command imports at its top load fast; what needs NumPy, Warp or MeshLab is imported when it runs.
 """

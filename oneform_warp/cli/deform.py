@@ -145,14 +145,14 @@ def _write(plan: "Plan", solution: "Deformation", outputs: Outputs, watch: Stopw
     """Write the mesh, the picture and the reports."""
     from oneform_warp.cli.report import report_json, report_lines
 
-    plan.mesh.write(outputs.out, solution.x)
+    notes = plan.mesh.write(outputs.out, solution.x, omega=solution.omega)
     watch.stop("write")
     if outputs.preview is not None:
         _draw(plan, solution, outputs.preview)
         watch.stop("preview")
     if outputs.report is not None:
         write_json(outputs.report, report_json(plan, solution, watch.seconds, outputs.out))
-    for warning in solution.warnings:
+    for warning in (*solution.warnings, *notes):
         click.echo(f"warning: {warning}", err=True)
     if not solution.converged:
         click.echo(f"warning: {solution.status}", err=True)

@@ -1,0 +1,131 @@
+"""apply_coord_oneform_deformation, apply_coord_oneform_integration and reset_oneform_deformation."""
+
+from __future__ import annotations
+
+import warnings
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from oneform_warp.errors import InputError, NotConverged, OneFormWarning
+from oneform_warp.fields import Fields
+from oneform_warp.filters.filter import Filter
+from oneform_warp.filters.handle_set import SOLVERS, HandleSet, Settings
+from oneform_warp.filters.parameters import Choice, Flag, Length, Number, Parameter, Text, Whole
+from oneform_warp.starts import STARTS
+from oneform_warp.weights import KINDS
+
+if TYPE_CHECKING:
+    from oneform_warp.filters.meshset import MeshSet
+
+__all__ = ["DEFORMATION", "INTEGRATION", "RESET"]
+
+SOLVING: tuple[Parameter, ...] = (
+    Choice("weights", "cotangent", "Edge weights mu.", KINDS),
+    Flag("weld", True, "Whether vertices at one position, or within welddistance, move as one."),
+    Length("welddistance", "0%", "How near counts as one position; 0 means exactly equal."),
+    Choice("start", "rest", "Where the solver starts.", tuple(STARTS)),
+    Choice("solver", "auto", "What solves; 'auto' chooses by the size of the mesh.", SOLVERS),
+    Number("tolerance", 0.0, "Relative residual to reach; 0 is the solver's own.", 0.0, 1.0),
+    Whole("maxiterations", 0, "Iterations at most; 0 is the solver's own.", 0),
+    Choice("precision", "auto", "Numbers of the inner iterations.", ("auto", "float32", "float64")),
+    Text("device", "", "Warp's name of a device, as 'cpu' or 'cuda:0'; empty for the current one."),
+)  # fmt: skip
+
+SMOOTHING: tuple[Parameter, ...] = (
+    Choice("smoothing", "harmonic", "How far handles reach: to the harmonic limit, for a number of sweeps, or over a "
+           "screening length.", ("harmonic", "sweeps", "length")),
+    Whole("sweeps", 10, "For smoothing='sweeps'.", 0),
+    Length("length", "10%", "For smoothing='length'.", above=True),
+)  # fmt: skip
+
+
+def _settings(values: dict[str, Any]) -> Settings:
+    smoothing = values.get("smoothing", "harmonic")
+    return Settings(
+        weights=values["weights"],
+        weld=values["welddistance"] if values["weld"] else None,
+        sweeps=values["sweeps"] if smoothing == "sweeps" else None,
+        length=values["length"] if smoothing == "length" else None,
+        start=values["start"],
+        solver=values["solver"],
+        tol=values["tolerance"] or None,
+        max_iterations=values["maxiterations"] or None,
+        dtype=None if values["precision"] == "auto" else values["precision"],
+        device=values["device"] or None,
+    )
+
+
+def _deform(meshes: MeshSet, **values: Any) -> dict[str, Any]:
+    placed = meshes.placed_handles()
+    if not placed.handles:
+        raise InputError("the mesh has no handles", where="handles", fix="apply set_oneform_handle first")
+    return _moved(meshes, placed, _settings(values), None)
+
+
+def _integrate(meshes: MeshSet, *, rotation: str, stretch: str, **values: Any) -> dict[str, Any]:
+    if not rotation and not stretch:
+        raise InputError("there is no field", where="rotation", fix="name an attribute for rotation, stretch or both")
+    placed = meshes.placed_handles()
+    turned = [handle.name for handle in placed.handles.values() if not handle.held]
+    if turned:
+        fix = "clear it, or set it with held=True; the fields say the rest"
+        raise InputError("fields are given, so handles can only hold", where=f"handle {turned[0]!r}", fix=fix)
+    count = len(placed.rest)
+    omega = meshes.vertex_attribute(rotation, columns=3) if rotation else np.zeros((count, 3))
+    sigma = meshes.vertex_attribute(stretch, columns=1) if stretch else np.ones(count)
+    return _moved(meshes, placed, _settings(values), Fields(omega, sigma))
+
+
+def _moved(meshes: MeshSet, placed: HandleSet, settings: Settings, fields: Fields | None) -> dict[str, Any]:
+    """Deforms, moves the mesh, and says how it went."""
+    result = placed.deform(settings, fields)
+    meshes.set_vertex_matrix(result.positions)
+    solution = result.solution
+    for text in solution.warnings:
+        warnings.warn(text, OneFormWarning, stacklevel=2)
+    if not solution.converged:
+        warnings.warn(str(solution.status), NotConverged, stacklevel=2)
+    return {
+        "energy": solution.energy,
+        "residual": solution.history[-1][1] if solution.history else 0.0,
+        "iterations": solution.iterations,
+        "converged": solution.converged,
+        "status": solution.status.word,
+    }
+
+
+def _reset(meshes: MeshSet) -> None:
+    placed = meshes.handle_sets.get(meshes.current_mesh_id())
+    if placed is None or placed.result is None:
+        raise InputError("the mesh is not deformed", where="rest pose", fix="there is nothing to restore")
+    meshes.placed_handles()  # for the check that they are still those of this mesh
+    meshes.set_vertex_matrix(placed.rest)
+    placed.result = None
+
+
+DEFORMATION = Filter(
+    "apply_coord_oneform_deformation",
+    "Deforms the current mesh by its handles: their rotations and stretches spread over the mesh and are integrated. "
+    "Each time it starts from the rest pose that the handles were set on.",
+    (*SMOOTHING, *SOLVING),
+    _deform,
+)
+
+INTEGRATION = Filter(
+    "apply_coord_oneform_integration",
+    "Integrates rotations and stretches that stand at each vertex in custom attributes; handles can only hold.",
+    (
+        Text("rotation", "", "Name of a point attribute with rotation vectors in radians."),
+        Text("stretch", "", "Name of a scalar attribute with factors above 0."),
+        *SOLVING,
+    ),
+    _integrate,
+)
+
+RESET = Filter(
+    "reset_oneform_deformation",
+    "Puts the vertices of the current mesh back to the rest pose; the handles stay.",
+    (),
+    _reset,
+)

@@ -1,0 +1,154 @@
+"""Stanford PLY, text or binary: elements in any order, with numbers and lists of any names."""
+
+import os
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from oneform_warp.filters.formats.motion import Floats, Motion, Polygons
+from oneform_warp.filters.formats.ply_layout import Binary, Body, Columns, Element, Property, Text, walk
+from oneform_warp.filters.formats.records import Records
+
+__all__ = ["PlyRecords"]
+
+TYPES = {
+    "char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4", "float": "f4",
+    "double": "f8", "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4",
+    "float32": "f4", "float64": "f8",
+}  # fmt: skip
+TEXTURE = re.compile(r"^comment[ \t]+TextureFile[ \t]+([^\r\n]+)", re.M)
+FACE_LISTS = ("vertex_indices", "vertex_index")
+# What a vertex or a face has in most formats; anything else is somebody's own.
+COMMON = {"x", "y", "z", "nx", "ny", "nz", "red", "green", "blue", "alpha", *FACE_LISTS}
+
+
+@dataclass(frozen=True, eq=False)
+class PlyRecords(Records):
+    """The header's elements, and where the body begins."""
+
+    start: int
+    format: str
+    elements: Mapping[str, Element]
+
+    @classmethod
+    def read(cls, data: bytes) -> "PlyRecords":
+        """Read the header; ValueError where it is none, or where coordinates are not floating-point numbers."""
+        end = re.compile(rb"^end_header[ \t\r]*\n", re.M).search(data)
+        if end is None or not data.startswith(b"ply"):
+            raise ValueError("not a PLY header")
+        elements: dict[str, Element] = {}
+        encoding = ""
+        for words in (line.split() for line in data[: end.start()].decode("latin-1").splitlines()):
+            if words[:1] == ["format"]:
+                encoding = words[1]
+            elif words[:1] == ["element"]:
+                elements[words[1]] = Element(int(words[2]), {})
+            elif words[:1] == ["property"]:
+                types = [TYPES[word] for word in words[1:-1] if word != "list"]
+                last = next(reversed(elements.values()))
+                last.properties[words[-1]] = Property(types[-1], types[0] if words[1] == "list" else None)
+        vertex = elements["vertex"]
+        if any(vertex.properties[axis].type[0] != "f" or vertex.properties[axis].count for axis in "xyz"):
+            raise ValueError("coordinates are not floating-point numbers")
+        faces = elements["face"].count if "face" in elements else 0
+        return cls(data, vertex.count, faces, end.end(), encoding, elements)
+
+    @cached_property
+    def body(self) -> Body:
+        """What follows the header."""
+        if self.format == "ascii":
+            return Text(self.data, self.start)
+        return Binary(self.data, self.start, ">" if "big" in self.format else "<")
+
+    @cached_property
+    def _vertex(self) -> Columns:
+        return self._columns("vertex")
+
+    def _columns(self, wanted: str) -> Columns:
+        """The columns of an element; what follows it is not looked at."""
+        begin = self.body.begin
+        for name, element in self.elements.items():
+            columns, begin = walk(self.body, element, begin)
+            if name == wanted:
+                return columns
+        raise KeyError(wanted)
+
+    def scalars(self) -> Mapping[str, Floats]:
+        """All properties of the vertices that are single numbers, (V,) each, by name."""
+        properties = self.elements["vertex"].properties
+        return {name: self._column(name) for name, each in properties.items() if each.count is None}
+
+    def _column(self, name: str) -> Floats:
+        kind = self.elements["vertex"].properties[name].type
+        return self.body.read(self._vertex[name].places, kind).astype(kind).astype(np.float64)
+
+    def positions(self) -> Floats:
+        """The properties x, y and z."""
+        return np.stack([self._column(axis) for axis in "xyz"], axis=1)
+
+    def polygons(self) -> Polygons | None:
+        """The lists of vertex indices; None where there are none, as with triangle strips."""
+        face = self.elements.get("face")
+        name = next((name for name in FACE_LISTS if face and name in face.properties), None)
+        if face is None or name is None:
+            return None
+        column, kind = self._columns("face")[name], face.properties[name].type
+        counts = np.broadcast_to(column.counts, column.places.shape)
+        offsets = np.concatenate([[0], np.cumsum(counts)])
+        within = np.arange(offsets[-1]) - np.repeat(offsets[:-1], counts)
+        places = np.repeat(column.places, counts) + within * self.body.size(kind)
+        return self.body.read(places, kind).astype(np.int32), offsets.astype(np.int32)
+
+    def companions(self) -> tuple[str, ...]:
+        """The textures that MeshLab names in comments."""
+        header = os.fsdecode(self.data[: self.start])
+        return tuple(match[1].strip() for match in TEXTURE.finditer(header))
+
+    def contents(self) -> tuple[str, ...]:
+        """By the names of elements and properties."""
+        vertex = self.elements["vertex"].properties
+        face = self.elements["face"].properties if "face" in self.elements else {}
+        found = [word for name, word in (("nx", "normals"), ("red", "colours")) if name in vertex]
+        found += ["UVs"] if "texcoord" in face or {"s", "t"} <= vertex.keys() or {"u", "v"} <= vertex.keys() else []
+        found += ["face colours"] if "red" in face else []
+        found += [f"property {name}" for name in vertex if name not in COMMON | {"s", "t", "u", "v"}]
+        found += [f"face property {name}" for name in face if name not in COMMON | {"texcoord", "texnumber"}]
+        found += [f"element {name}" for name in self.elements if name not in ("vertex", "face")]
+        polygons = self.polygons() if self.faces else None
+        found += ["polygons"] if polygons is not None and len(polygons[0]) != 3 * self.faces else []
+        found += ["textures"] if self.companions() else []
+        return (*found, *(["comments"] if b"\ncomment" in self.data[: self.start] else []))
+
+    def moved(self, motion: Motion) -> bytes:
+        """Replace x, y, z, and nx, ny, nz where these turn, in the file's own number types."""
+        edits = self._edits(("x", "y", "z"), motion.rows, motion.after)
+        names, properties = ("nx", "ny", "nz"), self.elements["vertex"].properties
+        if all(name in properties and properties[name].type[0] == "f" for name in names):
+            stored = np.stack([self._column(name) for name in names], axis=1)
+            turned = motion.turned_at_vertices(stored)
+            rows = np.flatnonzero((turned != stored).any(axis=1))
+            if self.format == "ascii":
+                turned = turned.round(6) + 0.0
+            edits += self._edits(names, rows, turned)
+        return self.body.changed(edits)
+
+    def _edits(
+        self, names: Sequence[str], rows: NDArray[np.int64], values: Floats
+    ) -> list[tuple[NDArray[np.int64], Any]]:
+        """Rows of three columns (V, 3), in the file's types, and where they go."""
+        types = [self.elements["vertex"].properties[name].type for name in names]
+        places = np.stack([self._vertex[name].places[rows] for name in names], axis=1)
+        together = [(0, 3)] if len(set(types)) == 1 else [(0, 1), (1, 2), (2, 3)]
+        edits = []
+        for begin, end in together:
+            with np.errstate(over="ignore"):
+                typed = values[rows, begin:end].astype(types[begin])
+            if not np.isfinite(typed).all():
+                raise ValueError(f"a number is too large for {names[begin]}, which has {8 * typed.itemsize} bits")
+            edits.append((places[:, begin:end], typed))
+        return edits

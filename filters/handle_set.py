@@ -1,0 +1,192 @@
+"""The handles of one mesh, the rest pose that they were set on, and what they made of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from oneform_warp import solvers
+from oneform_warp.deformation import Deformation
+from oneform_warp.deformer import Deformer
+from oneform_warp.errors import InputError
+from oneform_warp.fields import Fields, smooth_fields
+from oneform_warp.graph import Graph
+from oneform_warp.handles import Handle
+
+__all__ = ["SOLVERS", "HandleSet", "PlacedHandle", "Settings", "StaleHandles"]
+
+SOLVERS = (solvers.AUTO, *solvers.SOLVERS)
+
+
+class StaleHandles(InputError):
+    """The vertices that the handles were set on are not those of the mesh any more."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How to deform; None stands for the library's own default."""
+
+    weights: str = "cotangent"
+    weld: float | None = 0.0
+    sweeps: int | None = None
+    length: float | None = None
+    start: str = "rest"
+    solver: str = "auto"
+    tol: float | None = None
+    max_iterations: int | None = None
+    dtype: str | None = None
+    device: str | None = None
+
+    def solver_on(self, graph: Graph) -> Any:
+        """The named solver, or the one that the library takes for this graph, with the options that are given."""
+        options = {"tol": self.tol, "max_iterations": self.max_iterations, "dtype": self.dtype}
+        given = {name: value for name, value in options.items() if value is not None}
+        return solvers.solver_named(self.solver, graph, given)
+
+    def of_the_deformer(self) -> Settings:
+        """What has to be equal for a deformer to be used again."""
+        return replace(self, sweeps=None, length=None, start="rest")
+
+
+@dataclass(frozen=True, eq=False)
+class PlacedHandle:
+    """Vertices of a mesh, by mask or by painted weights, with what is asked of them."""
+
+    name: str
+    weights: NDArray[np.bool_] | NDArray[np.float64]
+    """(V,): a mask, whose rotation spreads smoothly, or weights in 0..1, by which the rotation is scaled as painted."""
+    rotation: tuple[float, ...] | None
+    """Rotation vector in radians; None where it is free."""
+    stretch: float | None
+    held: bool
+
+    @property
+    def painted(self) -> bool:
+        """Whether the weights are the falloff."""
+        return self.weights.dtype != np.bool_
+
+    @property
+    def mask(self) -> NDArray[np.bool_]:
+        """The vertices that the handle touches, (V,)."""
+        return np.asarray(self.weights > 0)
+
+    def hard(self) -> Handle:
+        """The handle as the deformer knows it."""
+        return Handle(self.mask, rotation=self.rotation, stretch=self.stretch, held=self.held, name=self.name)
+
+    def describe(self, positions: NDArray[np.float64]) -> str:
+        """One line: name, number of vertices, box (V, 3 positions), and what the handle does."""
+        points = positions[self.mask]
+        low, high = points.min(axis=0), points.max(axis=0)
+        box = ", ".join(f"{axis} {a:.4g}..{b:.4g}" for axis, a, b in zip("xyz", low, high, strict=True))
+        return f"{self.name}: {len(points):,} vertices ({box}), {self._asked()}"
+
+    def _asked(self) -> str:
+        if self.held:
+            return "held in place"
+        turn = np.asarray(self.rotation or (0.0, 0.0, 0.0))
+        size = float(np.linalg.norm(turn))
+        axis = " ".join(f"{each + 0.0:.4g}" for each in turn / (size or 1.0))  # + 0.0 makes 0 of -0
+        words = [f"rotated by {np.degrees(size):.6g} degrees about ({axis})" if size else "not rotated"]
+        if self.rotation is None:
+            words = ["rotation free"]
+        if self.stretch != 1.0:
+            words.append("stretch free" if self.stretch is None else f"stretched by {self.stretch:.6g}")
+        return ", ".join([*words, *(["painted"] if self.painted else [])])
+
+
+@dataclass(frozen=True, eq=False)
+class Result:
+    """The last deformation, and the positions (V, 3) as the mesh got them."""
+
+    solution: Deformation
+    positions: NDArray[np.float64]
+    deformer: Deformer
+
+
+class HandleSet:
+    """Handles on the vertices of one mesh, in the order in which they were set."""
+
+    def __init__(self, positions: NDArray[np.float64], faces: NDArray[np.int32]) -> None:
+        self.rest, self.faces = positions, faces
+        self.handles: dict[str, PlacedHandle] = {}
+        self.result: Result | None = None
+        self.changed_by: str | None = None
+        """The native filter after which there were other vertices."""
+        self._deformer: tuple[Settings, Deformer] | None = None
+
+    def place(self, handle: PlacedHandle) -> None:
+        """Adds a handle; one of the same name is replaced."""
+        self.handles[handle.name] = handle
+
+    def free_name(self) -> str:
+        """A name for a handle that the user gave none."""
+        return next(name for n in range(1, len(self.handles) + 2) if (name := f"handle {n}") not in self.handles)
+
+    def notice(self, filter_name: str, vertices: int) -> None:
+        """Remembers which filter changed the number of vertices, for the message."""
+        if vertices != len(self.rest) and self.changed_by is None:
+            self.changed_by = filter_name
+
+    def meet(self, positions: NDArray[np.float64], faces: NDArray[np.int32]) -> bool:
+        """Compares the mesh as it is now with the one that the handles were set on; whether something moved it since.
+
+        Before the first deformation the present positions are the rest pose; later the rest pose stays. A filter that
+        flips edges keeps the vertices. Raises StaleHandles where the vertices are others.
+        """
+        kept = self.rest if self.result is None else self.result.positions
+        same_faces = np.array_equal(faces, self.faces)
+        same_positions = np.array_equal(positions, kept)
+        if self.changed_by or positions.shape != kept.shape or not (same_faces or same_positions):
+            blamed = f"{self.changed_by} changed" if self.changed_by else "a filter changed"
+            raise StaleHandles(
+                f"{blamed} the vertices after the handles were set ({len(self.rest)} then, {len(positions)} now)",
+                where=", ".join(map(repr, self.handles)) or "rest pose",
+                fix="apply clear_oneform_handles and set the handles again",
+            )
+        if not same_faces:
+            self.faces, self._deformer = faces, None
+        if self.result is None and not same_positions:
+            self.rest, self._deformer = positions, None
+        return not same_positions
+
+    def deform(self, settings: Settings, fields: Fields | None = None) -> Result:
+        """Deforms the rest pose; `fields` (per vertex) replace those of the handles, which then only hold."""
+        deformer = self._deformer_for(settings)
+        hard = [handle.hard() for handle in self.handles.values() if not handle.painted]
+        painted = [handle for handle in self.handles.values() if handle.painted]
+        reach = {"sweeps": settings.sweeps, "length": settings.length}
+        if painted and fields is None:
+            smooth = smooth_fields(deformer.graph, hard, x=self.rest, solver=deformer.solver, **reach)  # type: ignore[arg-type]
+            fields = _with_paint(smooth, painted)
+        if fields is not None:
+            held = [handle for handle in hard if handle.held]
+            solution = deformer.solve(held, fields=fields, start=settings.start)
+        else:
+            solution = deformer.solve(hard, start=settings.start, **reach)  # type: ignore[arg-type]
+        self.result = Result(solution, np.ascontiguousarray(solution.x, dtype=np.float64), deformer)
+        return self.result
+
+    def _deformer_for(self, settings: Settings) -> Deformer:
+        """The deformer of the rest pose; the same one again while nothing changes that it was made of."""
+        key = settings.of_the_deformer()
+        if self._deformer is None or self._deformer[0] != key:
+            if not len(self.faces):
+                raise InputError("there are only points, and a deformation needs edges", fix="give a mesh with faces")
+            graph = Graph.from_faces(
+                self.rest, self.faces, weights=settings.weights, weld=settings.weld, device=settings.device
+            )
+            self._deformer = key, Deformer(self.rest, graph, solver=settings.solver_on(graph))
+        return self._deformer[1]
+
+
+def _with_paint(smooth: Fields, painted: list[PlacedHandle]) -> Fields:
+    """The smooth fields plus each painted handle's rotation and log stretch, times its weights."""
+    omega, log_sigma = np.array(smooth.omega), np.log(smooth.sigma)
+    for handle in painted:
+        omega += handle.weights[:, None] * np.asarray(handle.rotation or (0.0, 0.0, 0.0))
+        log_sigma += handle.weights * np.log(handle.stretch or 1.0)
+    return Fields(omega, np.exp(log_sigma))
