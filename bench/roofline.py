@@ -64,7 +64,7 @@ def again(launches: list[Launch]) -> Callable[[], None]:
 
 
 def rows_of(name: str, bandwidth: float, device: Any) -> list[dict[str, Any]]:
-    """The finest level's kernels, then all launches of each level, the V-cycle and the whole iteration."""
+    """The finest level's kernels, then all other launches of a cycle, the cycle and the whole iteration."""
     problem = Problem.of(Case(name), device)
     solver = ow.Multigrid()
     state = solver.prepare(problem.graph, problem.pinned)
@@ -75,16 +75,16 @@ def rows_of(name: str, bandwidth: float, device: Any) -> list[dict[str, Any]]:
     def line(what: str, some: list[Launch], work: Callable[[], None] | None = None) -> dict[str, Any]:
         return {"mesh": name, **measured(what, some, work or again(some), bandwidth, device)}
 
-    sizes = sorted({launch.size for launch in cycle}, reverse=True)
-    finest = {launch.kernel: launch for launch in launches if launch.size == sizes[0]}
+    count = problem.graph.node_count
+    finest = {launch.kernel: launch for launch in launches if launch.size >= count}
     restrict = next((k for k in launches if k.kernel == "restrict"), None)
     if restrict is not None:
         finest["restrict"] = restrict  # its rows are those of the next level
     rows = [line(kernel, [launch]) for kernel, launch in finest.items()]
-    for size in sizes:
-        level = [launch for launch in cycle if launch.size == size]
-        rows.append(line(f"cycle, {size} rows", level))
-    rows.append(line("V-cycle", cycle, inner.cycle.run))
+    coarse = [launch for launch in cycle if launch.size < count and launch is not restrict]
+    if coarse:
+        rows.append(line("all coarser levels", coarse))
+    rows.append(line("cycle", cycle, inner.cycle.run))
     rows.append(line("iteration", launches, inner._iterate))
     return rows
 

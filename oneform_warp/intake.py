@@ -117,6 +117,16 @@ def _narrowed(
     index_out[corner] = wp.int32(value)
 
 
+# Known before the first launch, so that kernels can be compiled ahead.
+INTEGERS: dict[Any, Any] = {
+    np.dtype(np.int32): wp.int32,
+    np.dtype(np.int64): wp.int64,
+    np.dtype(np.uint32): wp.uint32,
+}
+for _integer in INTEGERS.values():
+    wp.overload(_narrowed, {"faces": wp.array2d(dtype=_integer)})
+
+
 @wp.kernel(enable_backward=False)
 def _multiples(
     # In:
@@ -152,11 +162,10 @@ def faces_on(faces: Faces, vertex_count: int, device: Any) -> Corners:
 
 def _table(faces: Any, device: Any) -> Any:
     """(F, k) integers on the device; None for other spellings."""
-    kinds: dict[Any, Any] = {np.dtype(np.int32): wp.int32, np.dtype(np.int64): wp.int64, np.dtype(np.uint32): wp.uint32}
     if isinstance(faces, wp.array):
         if faces.ndim == 1 and faces.dtype is wp.vec3i:
             return faces.to(device).view(wp.int32)
-        return faces.to(device) if faces.ndim == 2 and faces.dtype in kinds.values() else None
-    if isinstance(faces, np.ndarray) and faces.ndim == 2 and faces.size and faces.dtype in kinds:
-        return wp.array(np.ascontiguousarray(faces), dtype=kinds[faces.dtype], device=device)
+        return faces.to(device) if faces.ndim == 2 and faces.dtype in INTEGERS.values() else None
+    if isinstance(faces, np.ndarray) and faces.ndim == 2 and faces.size and faces.dtype in INTEGERS:
+        return wp.array(np.ascontiguousarray(faces), dtype=INTEGERS[faces.dtype], device=device)
     return None

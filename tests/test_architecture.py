@@ -50,7 +50,7 @@ def imported(path: Path) -> set[str]:
 def modules() -> list[tuple[str, Path]]:
     files = [path for path in ROOT.rglob("*.py") if path != ROOT / "__init__.py"]
     # A linked folder is not walked into.
-    linked = [("filters", path) for path in (ROOT / "filters").glob("*.py")]
+    linked = [("filters", path) for path in (ROOT / "filters").rglob("*.py")]
     return [(path.relative_to(ROOT).parts[0].removesuffix(".py"), path) for path in files] + linked
 
 

@@ -11,6 +11,7 @@ import signal
 import subprocess
 import sys
 import time
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -240,7 +241,9 @@ def test_an_interrupted_command_leaves_whole_files_and_no_others(folder, sent, c
     for number in range(60):
         write_obj(Path(f"many/{number:03}.obj"), twist=0.01 * number, segments=60)
     command = [sys.executable, "-m", "oneform_warp.cli", "batch", "smooth.toml", "many", "-o", "out", "-j", "2"]
-    parent = subprocess.Popen(command, stdout=subprocess.DEVNULL)
+    # What a shell starts in the background has SIGINT ignored, and would hand that on.
+    heeded = partial(signal.signal, signal.SIGINT, signal.SIG_DFL)
+    parent = subprocess.Popen(command, stdout=subprocess.DEVNULL, preexec_fn=heeded)
     wait_for(lambda: len(list(Path("out").glob("*.obj"))) > 2)
     parent.send_signal(sent)
     assert parent.wait(10) == code
@@ -514,3 +517,20 @@ def test_no_worker_starts_where_there_is_nothing_to_do(folder, monkeypatch):
     run_batch("smooth.toml", ["scans"], "out", jobs=1)
     monkeypatch.setattr(LocalPool, "__enter__", lambda _: pytest.fail("a pool was started"))
     assert run_batch("smooth.toml", ["scans"], "out", jobs=1).kept == 4
+
+
+def test_materials_and_textures_in_subfolders_come_along(folder):
+    scan = write_obj(Path("scans/a.obj"))
+    scan.write_text("mtllib paint/a.mtl\n" + scan.read_text())
+    Path("scans/paint").mkdir()
+    Path("scans/paint/a.mtl").write_text("newmtl skin\nmap_Kd skin.png\n")
+    Path("scans/paint/skin.png").write_bytes(b"not really a picture")
+    Path("turn.toml").write_text(
+        '[[steps]]\nfilter = "set_oneform_handle"\ncondselect = "z > 0.5"\nangle = 20\n'
+        '[[steps]]\nfilter = "apply_coord_oneform_deformation"\n'
+    )
+    result = batch("turn.toml", "scans/a.obj", "-o", "out")
+    assert result.exit_code == 0, result.output
+    assert outputs()["paint/a.mtl"] == Path("scans/paint/a.mtl").read_bytes()
+    assert outputs()["a.obj"].startswith(b"mtllib paint/a.mtl\n")
+    assert hidden() == []

@@ -82,7 +82,8 @@ def _made(job: Job, part: Path) -> Made:
     if not written.is_file():
         raise InputError("nothing was written", fix="choose another format")
     synced = time.perf_counter()
-    files = {path.name: _synced(path) for path in sorted(part.iterdir()) if path.is_file()}
+    written_too = (path for path in sorted(part.rglob("*")) if path.is_file() and part / "aside" not in path.parents)
+    files = {path.relative_to(part).as_posix(): _synced(path) for path in written_too}
     full = _no_room(part)
     if full is not None:  # some of MeshLab's formats are cut off then, without an error
         raise InputError(full)

@@ -61,8 +61,9 @@ class Workspace:
             self._check_companion(job.output, relative[each], target / each, digest)
         # The mesh last: it refers to the others.
         for each in (*companions, name):
-            os.replace(made.part / each, target / each)
-        sync_folder(target)
+            folder_of_it = self._folder(relative[each].rpartition("/")[0]) if each in relative else target
+            os.replace(made.part / each, folder_of_it / Path(each).name)
+            sync_folder(folder_of_it)
         self._owners |= dict.fromkeys(relative.values(), job.output)
         return {relative[each]: digest for each, digest in companions.items()}
 

@@ -80,6 +80,12 @@ def _add(
     x_out[i] = x[i] + by
 
 
+# Known before the first launch, so that kernels can be compiled ahead.
+_VECTORS: tuple[Any, ...] = (wp.vec3, wp.vec3d)
+for _vector in _VECTORS:
+    wp.overload(_add, {"e": wp.array(dtype=_vector)})
+
+
 def corrected(graph: Graph, x: wp.array[wp.vec3d], correction: Correction) -> wp.array[wp.vec3d]:
     """X + e, in float64."""
     result = wp.empty_like(x)
