@@ -107,7 +107,15 @@ def iteration(rows: Rows) -> Any:
     return lines(rows, ["product us", "iteration us"], "microseconds")
 
 
-DRAW = {f.__name__: f for f in (solve, edit, first, scale, roofline, stages, iteration)}
+def many(rows: Rows) -> Any:
+    return lines(rows, ["one by one/s", "together/s", "again/s"], "meshes a second")
+
+
+def large(rows: Rows) -> Any:
+    return lines(rows, ["graph s", "structure s", "prepare s", "again s"], "seconds")
+
+
+DRAW = {f.__name__: f for f in (solve, edit, first, scale, large, many, roofline, stages, iteration)}
 
 
 def main() -> None:

@@ -16,6 +16,7 @@ from oneform_warp.forms import read_fields
 from oneform_warp.graph import Graph
 from oneform_warp.grip import Grip, Pins
 from oneform_warp.handles import Handle
+from oneform_warp.influence import influence
 from oneform_warp.solvers import Jacobi, Solution, Solver, States, default_solver
 
 __all__ = ["JUMP_LIMIT", "Fields", "NodeFields", "Smoothing", "fast_edges", "smooth_fields"]
@@ -136,6 +137,9 @@ def spread(
     if np.array_equal(*pins.extremes(values)):
         # Constant data spread exactly: the mean is already the answer.
         return start, None
+    known = influence(pins, states)
+    if known is not None:
+        return known.blend(pins, values), known.solution
     solution = states.solver.solve(states.of(pins.mask), no_form, start)
     return solution.x, solution
 

@@ -130,10 +130,10 @@ class Grip:
             nodes = graph.node_of[members[number]]
             held[nodes] |= handle.held
             touched[graph.node_component[nodes]] = True
-        turned, stretched = pins(lambda h: h.rotation is not None), pins(lambda h: h.stretch is not None)
-        if np.array_equal(turned.mask, stretched.mask):
-            # One state of the solver then serves both.
-            stretched = Pins(graph, turned.mask, stretched.owner, stretched.overlaps, stretched.shares)
+        turned = stretched = pins(lambda h: h.rotation is not None)
+        # Where the same handles turn and stretch, what is solved for one serves both.
+        if any((h.rotation is None) != (h.stretch is None) for h in handles):
+            stretched = pins(lambda h: h.stretch is not None)
         return cls(graph, tuple(handle.alone() for handle in handles), turned, stretched, held, touched)
 
     def serves(self, handles: Sequence[Handle]) -> bool:

@@ -21,6 +21,7 @@ LAYERS = [
     ["exactness", "solvers", "starts"],
     ["handles", "rest"],
     ["grip"],
+    ["influence"],
     ["fields"],
     ["notes"],
     ["deformation"],

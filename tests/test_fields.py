@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -175,3 +177,44 @@ REFUSED = [
 def test_what_is_refused_and_how(make: object, message: str) -> None:
     with pytest.raises(ow.InputError, match=message):
         make()  # type: ignore[operator]
+
+
+@dataclass(frozen=True)
+class Counting:
+    """A solver that counts its solves."""
+
+    inner: ow.CG = field(default_factory=lambda: ow.CG(tol=1e-9, dtype="float64"))
+    count: list[int] = field(default_factory=lambda: [0])
+
+    def prepare(self, *arguments: object) -> object:
+        return self.inner.prepare(*arguments)  # type: ignore[arg-type]
+
+    def solve(self, *arguments: object, **options: object) -> object:
+        self.count[0] += 1
+        return self.inner.solve(*arguments, **options)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(("handles", "first", "later"), [(2, 2, 1), (3, 2, 1), (4, 3, 3)])
+def test_a_changed_rotation_of_few_handles_solves_for_the_positions_alone(handles: int, first: int, later: int) -> None:
+    x, faces = ow.shapes.bar()
+    places = np.linspace(0.0, 1.0, handles)
+
+    def posed(angle: float) -> list[ow.Handle]:
+        near = [np.abs(x[:, 2] - place) < 0.04 for place in places]
+        return [
+            ow.Handle(some, axis="z", angle=angle * k, stretch=1.0 + 0.1 * k, held=k == 0)
+            for k, some in enumerate(near)
+        ]
+
+    solver = Counting()
+    deformer = ow.Deformer(x, faces, solver=solver)  # type: ignore[arg-type]
+    deformer.solve(posed(30.0))
+    assert solver.count == [first]
+    again = deformer.solve(posed(200.0))
+    assert solver.count == [first + later]
+    # The same by a direct solver, which knows no influences of the handles that came before.
+    graph = deformer.graph
+    tight = ow.SuperLU(tol=1e-12)
+    field_alone = ow.smooth_fields(graph, posed(200.0), solver=tight)
+    assert np.abs(again.omega - field_alone.omega).max() < 1e-7 * np.abs(field_alone.omega).max()
+    assert np.abs(again.sigma - field_alone.sigma).max() < 1e-7

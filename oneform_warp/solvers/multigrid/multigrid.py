@@ -1,4 +1,4 @@
-"""Conjugate gradients with a V-cycle of smoothed aggregation as the preconditioner."""
+"""Conjugate gradients with a cycle of smoothed aggregation as the preconditioner."""
 
 from __future__ import annotations
 
@@ -224,7 +224,7 @@ class Multigrid(Refining):
 
     What is used again: the structure of the hierarchy (aggregates, prolongations, patterns) belongs to the graph and
     its mu and is made once; other pins recompute the coarse matrices only; another v or start recomputes nothing.
-    tol, max_iterations, dtype: as for CG; the V-cycle itself is float32 in any case.
+    tol, max_iterations, dtype: as for CG; the cycle itself is float32 in any case.
     """
 
     tol: float = 1.0e-6

@@ -1,6 +1,6 @@
 """Chebyshev smoothing of degree two on the rows of one level, and the residual it leaves.
 
-Everything is float32, since a V-cycle only preconditions. Kernels share rows among lanes, see `lanes`.
+Everything is float32, since a cycle only preconditions. Kernels share rows among lanes, see `lanes`.
 """
 
 from __future__ import annotations
