@@ -22,6 +22,9 @@ CHUNK = 512
 LANES = 128
 """Threads per block on CUDA; a CPU block has one."""
 
+CROWDED = 2000
+"""Chunks from which blocks of twice as many threads are faster, by a twentieth."""
+
 MANY_LANES = 1024
 """The same for the sums of a component with many chunks, which one block adds up."""
 
@@ -37,6 +40,8 @@ class Segments:
     chunk_component: wp.array[wp.int32]
     component_chunks: wp.array[wp.int32]
     """Chunks of component c: component_chunks[c] to component_chunks[c + 1]."""
+    lanes: int
+    """Threads per block where a block is a chunk."""
     component_lanes: int
     """Threads per block where a block is a component."""
     device: Any
@@ -61,6 +66,7 @@ class Segments:
             chunk_offsets=upload(offsets),
             chunk_component=upload(component),
             component_chunks=upload(component_chunks),
+            lanes=LANES if len(component) < CROWDED else 2 * LANES,
             component_lanes=LANES if chunks.max(initial=0) <= 2 * LANES else MANY_LANES,
             device=device,
         )
@@ -81,7 +87,7 @@ def launch_chunks(kernel: wp.Kernel, segments: Segments, inputs: Sequence[Any], 
         dim=[segments.chunk_count],
         inputs=[segments.chunk_offsets, *inputs],
         outputs=list(outputs),
-        block_dim=LANES,
+        block_dim=segments.lanes,
         device=segments.device,
     )
 
