@@ -117,7 +117,7 @@ def _warm(pool: LocalPool) -> None:
     for results in pool.run(warm_up, [None], seconds=COMPILING):
         for _, failure in results:
             if isinstance(failure, Failure):
-                fix = "`oneform-warp doctor` says more"
+                fix = "`oneform-warp doctor` says more; a script calls run_batch below if __name__ == '__main__'"
                 raise InputError(f"a trial deformation failed: {failure.reason}", where="warm-up", fix=fix)
 
 
