@@ -143,4 +143,16 @@ def _dense_inverse(rows: LaplacianRows) -> tuple[NDArray[np.float64], NDArray[np
     members = np.where(floating[label], label, -1)
     size = matrix.diagonal().mean()
     projector = (members[:, None] == members) * (floating[label] / np.bincount(label)[label])
-    return np.linalg.inv(matrix + size * projector) - projector / size, moving
+    return _inverse_by_blocks(matrix + size * projector, label) - projector / size, moving
+
+
+def _inverse_by_blocks(matrix: NDArray[np.float64], label: NDArray[np.integer]) -> NDArray[np.float64]:
+    """The inverse of a matrix that couples equal labels only: blocks of one size together, many meshes have many."""
+    inverse = np.zeros_like(matrix)
+    sizes, order = np.bincount(label), np.argsort(label, kind="stable")
+    ends = np.cumsum(sizes)
+    for size in np.unique(sizes):
+        members = order[(ends[sizes == size] - size)[:, None] + np.arange(size)]
+        block = members[:, :, None], members[:, None, :]
+        inverse[block] = np.linalg.inv(matrix[block])
+    return inverse
