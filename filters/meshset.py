@@ -16,7 +16,14 @@ from oneform_warp.errors import InputError
 from oneform_warp.filters.attributes import SCENES, Parts, add_attributes, loadable, named_parts
 from oneform_warp.filters.filter import Filter
 from oneform_warp.filters.handle_set import HandleSet
-from oneform_warp.filters.native import forget_failure, native_filters, native_values, plain_values
+from oneform_warp.filters.native import (
+    as_pymeshlab,
+    forget_failure,
+    native_filters,
+    native_values,
+    plain_values,
+    same_folder,
+)
 from oneform_warp.filters.registry import own_filters
 from oneform_warp.filters.script import Script
 from oneform_warp.filters.step import Step
@@ -68,13 +75,13 @@ class MeshSet(pymeshlab.MeshSet):  # type: ignore[misc]
         own = own_filters().get(filter_name)
         if own is None:
             return dict(super().filter_parameter_values(filter_name, **values))
-        with _as_pymeshlab(f"Failed to get values of filter: {filter_name}"):
+        with as_pymeshlab(f"Failed to get values of filter: {filter_name}"):
             return own.values(values, self._diagonal(own))
 
     def _apply_own(self, own: Filter, values: dict[str, Any]) -> dict[str, Any]:
         unknown = values.keys() - {parameter.name for parameter in own.parameters}
         message = f"Parameter {min(unknown)} not found for filter {own.name}." if unknown else ""
-        with _as_pymeshlab(message or f"Failed to apply filter: {own.name}"):
+        with as_pymeshlab(message or f"Failed to apply filter: {own.name}"):
             plain = own.plain(values)
             with self._unrecorded():
                 result = own.apply(self, **own.values(plain, self._diagonal(own)))
@@ -208,7 +215,7 @@ class MeshSet(pymeshlab.MeshSet):  # type: ignore[misc]
         Files that would crash pymeshlab raise PyMeshLabException as others do; the process stays in its folder.
         """
         path, before = Path(file_name).absolute(), {mesh.id() for mesh in self}
-        with _as_pymeshlab(f"Unable to open file: {path}"), _same_folder(), loadable(path) as read:
+        with as_pymeshlab(f"Unable to open file: {path}"), same_folder(), loadable(path) as read:
             super().load_new_mesh(str(read), **values)
         for number in sorted({mesh.id() for mesh in self} - before):
             self._files[number] = path
@@ -218,7 +225,7 @@ class MeshSet(pymeshlab.MeshSet):  # type: ignore[misc]
 
     def save_current_mesh(self, file_name: str | os.PathLike[str], **values: Any) -> None:
         """Writes the current mesh by MeshLab, a transform matrix applied; the process stays in its folder."""
-        with _same_folder():
+        with same_folder():
             super().save_current_mesh(str(Path(file_name).absolute()), **values)
 
     def set_current_mesh(self, new_curr_id: int) -> None:
@@ -251,12 +258,12 @@ class MeshSet(pymeshlab.MeshSet):  # type: ignore[misc]
 
     def save_filter_script(self, filter_script_name: str | os.PathLike[str]) -> None:
         """Writes the script as .mlx, with all digits, so that a replay gives the same bits."""
-        with _as_pymeshlab("Failed to save the filter script"):
+        with as_pymeshlab("Failed to save the filter script"):
             self._script.save(filter_script_name, super().save_filter_script)
 
     def load_filter_script(self, filter_script_name: str | os.PathLike[str]) -> None:
         """Reads a script from .mlx in place of the current one; an exception names a filter that is not known."""
-        with _as_pymeshlab("Failed to load the filter script"):
+        with as_pymeshlab("Failed to load the filter script"):
             self._script.load(filter_script_name)
         super().clear_filter_script()
 
@@ -284,22 +291,3 @@ class MeshSet(pymeshlab.MeshSet):  # type: ignore[misc]
         for number, step in enumerate(self.steps):
             print(f"{number}: {step.filter}")
             print("".join(f"\t{name} = {value!r}\n" for name, value in step.parameters.items()))
-
-
-@contextmanager
-def _as_pymeshlab(message: str) -> Iterator[None]:
-    """InputError as the exception that users of pymeshlab catch, with its words and our cause."""
-    try:
-        yield
-    except InputError as error:
-        raise pymeshlab.PyMeshLabException(f"{message}\nDetails: {error}") from error
-
-
-@contextmanager
-def _same_folder() -> Iterator[None]:
-    """Back to the folder that pymeshlab leaves when a file cannot be loaded."""
-    folder = os.getcwd()
-    try:
-        yield
-    finally:
-        os.chdir(folder)

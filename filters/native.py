@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import os
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from functools import cache
 from typing import Any
 
@@ -16,11 +18,13 @@ from oneform_warp.filters.parameters import Length
 __all__ = [
     "ABORTING",
     "NATIVE_ERRORS",
+    "as_pymeshlab",
     "forget_failure",
     "native_filters",
     "native_plain",
     "native_values",
     "plain_values",
+    "same_folder",
 ]
 
 ABORTING = frozenset({
@@ -182,3 +186,22 @@ def _clamped(value: Any, used: Any) -> bool:
 
 def _line(error: Exception) -> str:
     return " ".join(str(error).split())
+
+
+@contextmanager
+def as_pymeshlab(message: str) -> Iterator[None]:
+    """InputError as the exception that users of pymeshlab catch, with its words and our cause."""
+    try:
+        yield
+    except InputError as error:
+        raise pymeshlab.PyMeshLabException(f"{message}\nDetails: {error}") from error
+
+
+@contextmanager
+def same_folder() -> Iterator[None]:
+    """Back to the folder that pymeshlab leaves when a file cannot be loaded."""
+    folder = os.getcwd()
+    try:
+        yield
+    finally:
+        os.chdir(folder)

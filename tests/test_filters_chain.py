@@ -139,7 +139,7 @@ def test_every_native_filter_takes_its_own_defaults() -> None:
     meshes = bar()
     meshes.compute_scalar_by_function_per_face(q="0")
     for name in sorted(native_filters() - {"set_camera_per_mesh", "set_camera_per_raster"} - ABORTING):
-        native_plain(name, {})
+        assert native_plain(name, {}) == {}, name
 
 
 @pytest.mark.parametrize(
