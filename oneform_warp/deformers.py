@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from oneform_warp.arrays import Rows, read_rows, vertex_numbers
+from oneform_warp.arrays import Rows, read_rows
 from oneform_warp.deformation import Deformation
 from oneform_warp.deformer import Deformer
 from oneform_warp.errors import InputError, NotConverged, OneFormWarning
@@ -64,8 +64,10 @@ class Deformations:
     @cached_property
     def x(self) -> list[Any]:
         """The new positions of each mesh, in the shape, dtype and kind of array of its rest positions."""
-        rest = np.concatenate([piece.inside for piece in self._pieces])
-        moved = self.whole.x - rest
+        moved = np.concatenate([-piece.inside for piece in self._pieces])
+        columns = self.whole.x.shape[1]
+        moved[:, :columns] += self.whole.x
+        moved[:, columns:] = 0.0
         return [piece.outside(moved) for piece in self._pieces]
 
     @cached_property
@@ -182,10 +184,7 @@ def _joined(pieces: Sequence[_Piece]) -> Polygons:
 
 def _shifted(handle: Handle, piece: _Piece, mesh: int, number: int) -> Handle:
     """The handle on the vertices of all meshes."""
-    label = handle.label(number)
-    own = vertex_numbers(handle.vertices, len(piece.rows.data), label)
-    if not len(own):
-        raise InputError("no vertex is selected", where=label, fix="check the selection that makes this handle")
+    own = handle.members(len(piece.rows.data), number)
     return handle.on(own + piece.begin, f"{handle.name or number} of mesh {mesh}")
 
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from oneform_warp.arrays import read_rows, to_device
 from oneform_warp.errors import InputError
+from oneform_warp.incidence import check_limits
 from oneform_warp.polygons import Faces, as_polygons, out_of_range
 from oneform_warp.segments import CHUNK, LANES
 
@@ -149,6 +150,7 @@ def faces_on(faces: Faces, vertex_count: int, device: Any) -> Corners:
         indices, offsets = (wp.array(a.astype(np.int32), dtype=wp.int32, device=device) for a in made)
         return Corners(indices, offsets)
     count, corners = table.shape
+    check_limits(vertex_count, count * corners // 2)  # a closed mesh has two corners an edge
     bad = wp.full(1, NONE, dtype=wp.int32, device=device)
     indices, offsets = (wp.empty(n, dtype=wp.int32, device=device) for n in (count * corners, count + 1))
     wp.launch(_narrowed, dim=(count, corners), inputs=[table, vertex_count], outputs=[bad, indices], device=device)

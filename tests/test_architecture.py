@@ -13,8 +13,8 @@ ROOT = Path(oneform_warp.__file__).parent
 LAYERS = [
     ["errors"],
     ["arrays", "polygons", "sorting", "rotations", "segments", "conditions"],
-    ["weld", "incidence", "weights", "shapes", "intake"],
-    ["order"],
+    ["weld", "incidence", "weights", "shapes"],
+    ["order", "intake"],
     ["assembly"],
     ["graph"],
     ["forms", "tree", "centroids"],

@@ -39,6 +39,17 @@ def test_each_comes_out_as_alone(solver: object, device: str) -> None:
         assert (y[some[0].vertices] == x[some[0].vertices]).all()
 
 
+def test_flat_meshes_stay_flat() -> None:
+    x, faces = ow.shapes.sphere(2)
+    flat = x[:, :2] + 0.1 * x[:, 2:]
+    chosen = [ow.Handle(flat[:, 0] < -0.5, held=True), ow.Handle(flat[:, 0] > 0.5, angle=30.0)]
+    y = ow.Deformers([(flat, faces), (100.0 * flat, faces)]).solve([chosen, []]).x
+    alone = ow.deform(flat, faces, chosen)
+    assert y[0].shape == flat.shape
+    assert np.abs(y[0] - alone).max() < ALONE * np.ptp(flat)
+    assert (y[1] == 100.0 * flat).all()
+
+
 def test_poses_of_one_mesh(device: str) -> None:
     x, faces = ow.shapes.bar()
     poses = [handles(x, angle) for angle in (10.0, 20.0, 0.0)]

@@ -260,3 +260,14 @@ def test_the_first_bad_number_is_named(dtype: type, device: str) -> None:
     for rows in (x, wp.array(x, dtype=wp.vec3d), wp.array(x, dtype=wp.vec3)):
         with pytest.raises(ow.InputError, match=r"x: row 5 is \[.*inf.*\], not finite"):
             ow.Graph.from_faces(rows, faces, device=device)
+
+
+def test_more_corners_than_int32_can_number_are_refused_before_anything_is_made(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    from oneform_warp import incidence, intake
+
+    x, faces = ow.shapes.sphere(1)
+    monkeypatch.setattr(incidence, "INT32_LIMIT", faces.size - 2)
+    with pytest.raises(ow.InputError, match="more than int32 can number"):
+        intake.faces_on(faces, len(x), "cpu")

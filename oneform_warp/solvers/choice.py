@@ -39,9 +39,10 @@ DIRECT_AGAIN_UP_TO = 250_000
 """The same for factors that are used MANY times."""
 
 MANY = 10
+"""Right-hand sides for the same pins."""
 
-DECADES = 1.0e10
-"""The largest weight over the smallest, far from what float64 can factorise."""
+TAME = 1.0e10
+"""The largest weight over the smallest: far from the fifteen decades that float64 cannot factorise."""
 
 
 def default_solver(graph: Graph, solves: int = 1) -> Solver:
@@ -88,4 +89,4 @@ def _is_tame_surface(graph: Graph) -> bool:
     if graph.faces is None or graph.listed_mu is not None or not graph.edge_count:
         return False
     mu = graph.mu.numpy()
-    return bool(mu.max() <= DECADES * mu.min())
+    return bool(mu.max() <= TAME * mu.min())
