@@ -16,6 +16,7 @@ from oneform_warp.forms import node_energy
 from oneform_warp.graph import Graph
 from oneform_warp.grip import Grip
 from oneform_warp.notes import bare_notes, field_notes, misfit_notes
+from oneform_warp.places import Places
 from oneform_warp.rest import Rest
 from oneform_warp.solvers import Solution, Status
 
@@ -64,6 +65,7 @@ class Deformation:
     """Of the positions, per node, centred and scaled."""
     _grip: Grip | None
     """None where painted fields take the place of handles."""
+    _places: Places | None
     _nodes: NodeFields
     _form: wp.array[wp.vec3d]
     _begin: wp.array[wp.vec3d]
@@ -73,7 +75,8 @@ class Deformation:
     @cached_property
     def x(self) -> Any:
         """The new positions."""
-        return self._rest.outside(self.solution.x)
+        x = self._rest.outside(self.solution.x)
+        return x if self._places is None else self._places.correct(x)
 
     @property
     def graph(self) -> Graph:

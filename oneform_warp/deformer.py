@@ -17,6 +17,7 @@ from oneform_warp.forms import node_transformed_differential
 from oneform_warp.graph import Graph
 from oneform_warp.grip import Grip
 from oneform_warp.handles import Handle
+from oneform_warp.places import Places, fitted
 from oneform_warp.rest import Rest
 from oneform_warp.solvers import Progress, Solver, States, default_solver
 from oneform_warp.starts import Problem, Start, read_start
@@ -26,15 +27,15 @@ __all__ = ["Deformer", "deform"]
 
 
 @wp.kernel(enable_backward=False)
-def _keep_held(
+def _keep_fixed(
     # In:
-    held: wp.array[wp.int32],
+    fixed: wp.array[wp.int32],
     rest: wp.array[wp.vec3d],
     # Out:
     x_out: wp.array[wp.vec3d],
 ):
     i = wp.tid()
-    if held[i] != 0:
+    if fixed[i] != 0:
         x_out[i] = rest[i]
 
 
@@ -128,24 +129,27 @@ class Deformer:
         """
         graph, rest = self.graph, self._rest
         stages = Stages(graph.device)
-        handles = list(handles)
+        handles = fitted(handles, rest)
         grip = self._grip_of(handles)
+        places = Places.of(grip, handles, rest)
         make_start = read_start(start, graph, rest.dimension, rest.inside)
         nodes = self._fields(grip, handles, fields, Smoothing(sweeps, length))
         stages.stop("fields")
         v = node_transformed_differential(graph, rest.x, nodes.omega, nodes.sigma)
         stages.stop("1-form")
-        begin = self._held(make_start(Problem(graph, rest.x, v, self._previous)), grip)
+        begin = self._placed(make_start(Problem(graph, rest.x, v, self._previous)), grip, places)
         stages.stop("start")
-        state = self._states.of(grip.held)
+        state = self._states.of(grip.pinned, grip.attachment)
         stages.stop("prepare")
-        solution = self._solver.solve(state, v, begin, progress=progress)
+        target = begin if grip.attachment is None else self._placed(rest.x, grip, places)
+        solution = self._solver.solve(state, v, begin, target=target, progress=progress)
         keep_centroids(graph, state.system.floating, solution.x, rest.x)
         self._previous = solution.x
         stages.stop("solve")
         return Deformation(
             solution=solution,
             _grip=grip if fields is None else None,
+            _places=places,
             _nodes=nodes,
             _form=v,
             _begin=begin,
@@ -154,8 +158,10 @@ class Deformer:
         )
 
     def check(self, handles: Sequence[Handle]) -> None:
-        """InputError for handles that are empty, contradict each other or turn what D cannot; nothing is solved."""
-        grip = self._grip_of(list(handles))
+        """InputError for handles that are empty, contradict each other or do what D cannot; nothing is solved."""
+        handles = fitted(handles, self._rest)
+        grip = self._grip_of(handles)
+        Places.of(grip, handles, self._rest)
         grip.rotations(handles, self._rest.dimension)
         grip.log_stretches(handles)
 
@@ -179,21 +185,23 @@ class Deformer:
                 states=self._states,
             )
         for number, handle in enumerate(handles):
-            if not handle.held:
+            if not handle.placed:
                 raise InputError(
-                    "fields are given, so handles can only hold",
+                    "fields are given, so handles can only hold or place",
                     where=handle.label(number),
-                    fix="set held=True, or drop fields",
+                    fix="set held=True, to, move or pivot, or drop fields",
                 )
         return NodeFields.of(self.graph, fields, self._rest.dimension)
 
-    def _held(self, begin: wp.array[wp.vec3d], grip: Grip) -> wp.array[wp.vec3d]:
-        """The start with what must not move at rest: held nodes, and those without an edge."""
-        if begin is self._rest.x:
+    def _placed(self, begin: wp.array[wp.vec3d], grip: Grip, places: Places | None) -> wp.array[wp.vec3d]:
+        """A start with what must not move at rest, pinned nodes and those without an edge, and the others put."""
+        if begin is self._rest.x and places is None:
             return begin
         x = wp.clone(begin)
-        inputs = [grip.held_on_device, self._rest.x]
-        wp.launch(_keep_held, dim=x.shape[0], inputs=inputs, outputs=[x], device=self.graph.device)
+        inputs = [grip.fixed_on_device, self._rest.x]
+        wp.launch(_keep_fixed, dim=x.shape[0], inputs=inputs, outputs=[x], device=self.graph.device)
+        if places is not None:
+            places.put(x, self._rest)
         return x
 
 

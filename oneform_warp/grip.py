@@ -105,14 +105,16 @@ class Pins:
 
 @dataclass(frozen=True, eq=False)
 class Grip:
-    """The nodes that a set of handles turns, stretches and holds."""
+    """The nodes that a set of handles turns, stretches, and holds or puts in places."""
 
     graph: Graph
     handles: tuple[Handle, ...]
     turned: Pins
     stretched: Pins
-    held: NDArray[np.bool_]
-    """The nodes that keep their positions, (n,)."""
+    pinned: NDArray[np.bool_]
+    """The nodes that are exactly where their handles put or hold them, (n,)."""
+    attachment: NDArray[np.float64] | None
+    """How strongly nodes are pulled to where soft handles want them, (n,), in units of mu; None where none is."""
     touched: NDArray[np.bool_]
     """The components that any handle touches, (components,)."""
 
@@ -124,17 +126,18 @@ class Grip:
         def pins(sets_value: Callable[[Handle], bool]) -> Pins:
             return Pins.of(graph, {number: members[number] for number, h in enumerate(handles) if sets_value(h)})
 
-        held = np.zeros(graph.node_count, dtype=bool)
+        pinned = np.zeros(graph.node_count, dtype=bool)
         touched = np.zeros(graph.component_count, dtype=bool)
         for number, handle in enumerate(handles):
             nodes = graph.node_of[members[number]]
-            held[nodes] |= handle.held
+            pinned[nodes] |= handle.placed and not handle.soft
             touched[graph.node_component[nodes]] = True
         turned = stretched = pins(lambda h: h.rotation is not None)
         # Where the same handles turn and stretch, what is solved for one serves both.
         if any((h.rotation is None) != (h.stretch is None) for h in handles):
             stretched = pins(lambda h: h.stretch is not None)
-        return cls(graph, tuple(handle.alone() for handle in handles), turned, stretched, held, touched)
+        attachment = _attachment(graph, handles, members, pinned)
+        return cls(graph, tuple(handle.alone() for handle in handles), turned, stretched, pinned, attachment, touched)
 
     def serves(self, handles: Sequence[Handle]) -> bool:
         """Whether these handles differ from the ones it was made for in their values at most."""
@@ -143,10 +146,10 @@ class Grip:
         )
 
     @cached_property
-    def held_on_device(self) -> wp.array[wp.int32]:
-        """1 at held nodes and at those without an edge, (n,)."""
+    def fixed_on_device(self) -> wp.array[wp.int32]:
+        """1 at pinned nodes and at those without an edge, (n,)."""
         graph = self.graph
-        fixed = self.held.astype(np.int32)
+        fixed = self.pinned.astype(np.int32)
         fixed[graph.component_offsets[graph.solved_components] :] = 1
         on_device: wp.array[wp.int32] = wp.array(fixed, dtype=wp.int32, device=graph.device)
         return on_device
@@ -165,3 +168,21 @@ class Grip:
         values[:, 0] = [0.0 if h.stretch is None else np.log(h.stretch) for h in handles]
         self.stretched.check(values, handles, "stretches")
         return values
+
+
+def _attachment(
+    graph: Graph, handles: Sequence[Handle], members: dict[int, NDArray[np.int64]], pinned: NDArray[np.bool_]
+) -> NDArray[np.float64] | None:
+    """The weights of soft handles, each times the sum of mu at its node: of several on one node the largest."""
+    soft = {number: handle for number, handle in enumerate(handles) if handle.soft}
+    if not soft:
+        return None
+    mu, ends = graph.mu.numpy(), (graph.tail.numpy(), graph.head.numpy())
+    strength = sum(np.bincount(end, mu, graph.node_count) for end in ends)
+    pull = np.zeros(graph.node_count)
+    for number, handle in soft.items():
+        weights = np.broadcast_to(handle.pull(graph.vertex_count, number), len(members[number]))
+        np.maximum.at(pull, graph.node_of[members[number]], weights)
+    pull[pinned] = 0.0
+    attachment: NDArray[np.float64] = pull * strength
+    return attachment

@@ -1,4 +1,4 @@
-"""Handles: the vertices that the user sets, and the rotation, stretch and hold that they get."""
+"""Handles: the vertices that the user sets, and the rotation, stretch and place that they get."""
 
 from __future__ import annotations
 
@@ -12,23 +12,46 @@ from numpy.typing import NDArray
 from oneform_warp.arrays import as_numpy, vertex_numbers
 from oneform_warp.errors import InputError
 
-__all__ = ["Handle", "check_dimension"]
+__all__ = ["CENTROID", "FIT", "Handle", "check_dimension"]
+
+CENTROID = "centroid"
+"""In place of a pivot: the mean of the handle's vertices."""
+
+FIT = "fit"
+"""In place of a rotation: the one that fits the targets best."""
+
+SNAP_WEIGHT = 1.0
+"""What snapped vertices are pulled with where no weight is given: as strongly as by their edges together."""
 
 AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
 
 @dataclass(frozen=True, eq=False, init=False)
 class Handle:
-    """Vertices that are turned by a rotation vector, stretched by a factor, held in place, or any of these."""
+    """Vertices that are turned by a rotation vector, stretched, put somewhere or held in place, or any of these."""
 
     vertices: Any
     rotation: NDArray[np.float64] | None
     """Rotation vector in radians, (3,); None where the rotation is free."""
-    stretch: float | None
+    stretch: Any
+    """A factor, three of them (3,) along the columns of `frame`, or None where the stretch is free."""
+    frame: NDArray[np.float64] | None
+    """Directions of three factors as columns, (3, 3); None for x, y, z."""
     held: bool
     name: str | None
     planar: bool
     """The rotation was given as a bare angle: it needs D = 2."""
+    fitted: bool
+    """The rotation is the one that fits `to` best."""
+    to: Any
+    """Target positions, (k, D), in the order of `vertices`; None for none."""
+    move: Any
+    """A translation (D,), or None."""
+    pivot: Any
+    """The point (D,) that the handle turns about as a whole, "centroid", or None."""
+    weight: Any
+    """How strongly targets pull, a number or (k,); None where positions are hard."""
+    snap: bool
 
     def __init__(
         self,
@@ -37,23 +60,39 @@ class Handle:
         rotation: Any = (0.0, 0.0, 0.0),
         axis: Any = None,
         angle: float | None = None,
-        stretch: float | None = 1.0,
+        stretch: Any = 1.0,
+        frame: Any = None,
         held: bool = False,
         name: str | None = None,
+        to: Any = None,
+        move: Any = None,
+        pivot: Any = None,
+        weight: Any = None,
+        snap: bool = False,
     ) -> None:
         """Any number of turns: 720 degrees are not 0.
 
         vertices: by number or by mask (V,). rotation: a rotation vector in radians, right-handed (D = 2: one angle);
-        None leaves it free. axis: "x", "y", "z" or a vector, with angle in degrees (D = 2: angle alone).
-        stretch: factor > 0; None leaves it free. held: positions stay exactly where they are.
-        Raises InputError for matrices, quaternions and Rotation objects, which lose whole turns, and for a held
-        handle that is rotated or stretched.
+        None leaves it free; "fit" takes the one that fits `to` best, below 180 degrees. axis: "x", "y", "z" or a
+        vector, with angle in degrees (D = 2: angle alone). stretch: factor > 0, or three factors along the columns of
+        `frame` (default x, y, z) in the rest pose; None leaves it free. held: positions stay exactly where they are.
+
+        Positions are left to the solve unless something places them: `to`, rows (k, D), one for each of the vertices in
+        their order (of a mask: ascending); or the rigid motion pivot + R S (x - pivot) + move, by `move` (D,), by
+        `pivot` (D,) or "centroid", or both. weight: None puts vertices exactly there; a number > 0, or one for each
+        vertex, pulls each by so many times the sum of mu at its edges. snap: pull while solving, then put it there.
+        Raises InputError for matrices, quaternions and Rotation objects, which lose whole turns, and for requests that
+        contradict each other.
         """
         where = name or "handle"
-        vector, planar = _rotation_vector(rotation, axis, angle, where)
-        if stretch is not None and not (np.isfinite(stretch) and stretch > 0.0):
-            raise InputError(f"stretch is {stretch}", where=where, fix="give a factor > 0, 1.0 for none")
-        if held and ((vector is not None and vector.any()) or stretch not in (None, 1.0)):
+        fitted = isinstance(rotation, str) and rotation == FIT
+        vector, planar = (np.zeros(3), False) if fitted else _rotation_vector(rotation, axis, angle, where)
+        factors = _stretch(stretch, where)
+        placed = {"to": to, "move": move, "pivot": pivot}
+        given = [word for word, value in placed.items() if value is not None]
+        _check_place(given, where, held=held, fitted=fitted, weight=weight, snap=snap)
+        turned = vector is not None and vector.any()
+        if held and (turned or (factors is not None and np.any(np.asarray(factors) != 1.0))):
             raise InputError(
                 "a held handle stays where it is and cannot be rotated or stretched as well",
                 where=where,
@@ -62,12 +101,39 @@ class Handle:
         for field, value in (
             ("vertices", vertices),
             ("rotation", vector),
-            ("stretch", stretch),
+            ("stretch", factors),
+            ("frame", _frame(frame, factors, where)),
             ("held", bool(held)),
             ("name", name),
             ("planar", planar),
+            ("fitted", fitted),
+            ("to", None if to is None else as_numpy(to)),
+            ("move", None if move is None else _point(move, "move", where)),
+            (
+                "pivot",
+                pivot
+                if pivot is None or (isinstance(pivot, str) and pivot == CENTROID)
+                else _point(pivot, "pivot", where),
+            ),
+            ("weight", None if weight is None else _weight(weight, where)),
+            ("snap", bool(snap)),
         ):
             object.__setattr__(self, field, value)
+
+    @property
+    def placed(self) -> bool:
+        """Whether the positions of the vertices are given."""
+        return self.held or any(value is not None for value in (self.to, self.move, self.pivot))
+
+    @property
+    def moves(self) -> bool:
+        """Whether they are given and not those of the rest pose."""
+        return self.placed and not self.held
+
+    @property
+    def soft(self) -> bool:
+        """Whether they are pulled to their positions instead of put there."""
+        return self.placed and (self.weight is not None or self.snap)
 
     def members(self, vertex_count: int, number: int) -> NDArray[np.int64]:
         """The handle's vertices, ascending; InputError when there are none or they do not fit the mesh."""
@@ -80,11 +146,41 @@ class Handle:
             )
         return chosen
 
+    def rows(self, vertex_count: int, number: int, values: Any, word: str) -> NDArray[Any]:
+        """Values, one for each of `vertices` in their order, in the order of `members`."""
+        count = len(self.members(vertex_count, number))
+        chosen = np.atleast_1d(as_numpy(self.vertices))
+        if len(values) != count:
+            raise InputError(
+                f"{word} has {len(values)} rows for {count} vertices", where=self.label(number), fix="give one for each"
+            )
+        if chosen.dtype == bool:
+            return values
+        if len(chosen) != count:
+            raise InputError(
+                f"vertices repeat, and {word} has a row for each", where=self.label(number), fix="drop them"
+            )
+        return values[np.argsort(chosen)]
+
+    def pull(self, vertex_count: int, number: int) -> NDArray[np.float64]:
+        """The weights of a soft handle in the order of `members`, (k,), or one for all, ()."""
+        if self.weight is None:
+            return np.asarray(SNAP_WEIGHT)
+        weight: NDArray[np.float64] = self.weight
+        return weight if weight.ndim == 0 else self.rows(vertex_count, number, weight, "weight")
+
     def alone(self) -> Handle:
         """The same handle with its own copy of the vertices, which nobody can change."""
         own = np.array(as_numpy(self.vertices))
         own.flags.writeable = False
         return self.on(own, self.name)
+
+    def turned(self, rotation: NDArray[np.float64]) -> Handle:
+        """The same handle with this rotation vector (3,)."""
+        twin = copy(self)
+        object.__setattr__(twin, "rotation", rotation)
+        object.__setattr__(twin, "fitted", False)
+        return twin
 
     def on(self, vertices: Any, name: str | None) -> Handle:
         """The same handle on other vertices, by another name."""
@@ -97,6 +193,9 @@ class Handle:
         """Whether both take hold of the same vertices in the same way; by what angle or factor does not matter."""
         return (
             self.held == other.held
+            and self.placed == other.placed
+            and self.snap == other.snap
+            and _same(np.asarray(self.weight, dtype=float), np.asarray(other.weight, dtype=float))
             and (self.rotation is None) == (other.rotation is None)
             and (self.stretch is None) == (other.stretch is None)
             and _same(as_numpy(self.vertices), as_numpy(other.vertices))
@@ -109,7 +208,71 @@ class Handle:
 
 def _same(a: NDArray[Any], b: NDArray[Any]) -> bool:
     """Whether two spellings of vertices are equal; a mask is no list of numbers."""
-    return a.dtype.kind == b.dtype.kind and np.array_equal(a, b)
+    return a.dtype.kind == b.dtype.kind and np.array_equal(a, b, equal_nan=a.dtype.kind == "f")
+
+
+def _check_place(given: list[str], where: str, *, held: bool, fitted: bool, weight: Any, snap: bool) -> None:
+    """InputError for words about places that contradict each other."""
+    if held and given:
+        raise InputError(f"held and {given[0]} are both given", where=where, fix="give one of them")
+    if "to" in given and len(given) > 1:
+        raise InputError(
+            f"to and {given[1]} are both given", where=where, fix="give target positions, or a motion by move and pivot"
+        )
+    if fitted and "to" not in given:
+        raise InputError("a rotation cannot be fitted without targets", where=where, fix="give target positions as to")
+    if not held and not given and (weight is not None or snap):
+        raise InputError(
+            "a weight pulls to a place, and none is given", where=where, fix="give to, move, pivot or held=True"
+        )
+
+
+def _stretch(stretch: Any, where: str) -> Any:
+    """A factor, three factors (3,), or None."""
+    if stretch is None:
+        return None
+    factors = np.asarray(stretch, dtype=np.float64)
+    if factors.shape not in ((), (3,)) or not (np.isfinite(factors).all() and (factors > 0.0).all()):
+        raise InputError(
+            f"stretch is {stretch}", where=where, fix="give a factor > 0, 1.0 for none, or three along x, y, z"
+        )
+    return float(factors) if factors.shape == () else factors
+
+
+FRAME_ERROR = 1.0e-6
+"""By how much the columns of a frame may miss being orthonormal: what is typed with six digits passes."""
+
+
+def _frame(frame: Any, factors: Any, where: str) -> NDArray[np.float64] | None:
+    if frame is None:
+        return None
+    axes = np.asarray(frame, dtype=np.float64)
+    if not isinstance(factors, np.ndarray):
+        raise InputError("a frame needs three factors", where=where, fix="give stretch=(s1, s2, s3)")
+    if axes.shape != (3, 3) or not np.abs(axes.T @ axes - np.eye(3)).max() <= FRAME_ERROR:
+        raise InputError(
+            "the columns of the frame are not orthonormal", where=where, fix="give a rotation matrix (3, 3)"
+        )
+    return axes
+
+
+def _point(value: Any, word: str, where: str) -> NDArray[np.float64]:
+    """A point or translation as (3,), the columns past D zero."""
+    try:
+        point = np.atleast_1d(np.asarray(value, dtype=np.float64))
+    except (TypeError, ValueError):
+        raise InputError(f"{word} is {value!r}", where=where, fix="give D finite numbers") from None
+    if point.ndim != 1 or not 1 <= len(point) <= 3 or not np.isfinite(point).all():
+        raise InputError(f"{word} is {value!r}", where=where, fix="give D finite numbers")
+    return np.concatenate([point, np.zeros(3 - len(point))])
+
+
+def _weight(weight: Any, where: str) -> NDArray[np.float64]:
+    """One weight (), or one for each vertex (k,)."""
+    weights = np.asarray(weight, dtype=np.float64)
+    if weights.ndim > 1 or not (np.isfinite(weights).all() and (weights > 0.0).all()):
+        raise InputError(f"weight is {weight!r}", where=where, fix="give a number > 0, or one for each vertex")
+    return weights
 
 
 def _rotation_vector(
