@@ -64,6 +64,7 @@ class Cells:
         weight: NDArray[np.float64],
     ) -> Cells:
         """sizes: corners of each cell; corners, edge (~e against it) and weight: one for each corner."""
+        corners, edge, weight, sizes = _along_the_nodes(sizes, corners, edge, weight)
         own = np.maximum(edge, ~edge)
         around, around_offsets = _grouped(corners, graph.node_count)
         along, along_offsets = _grouped(own, graph.edge_count)
@@ -84,6 +85,17 @@ class Cells:
             upload(along_offsets),
             upload(along),
         )
+
+
+def _along_the_nodes(
+    sizes: NDArray[np.int64], corners: NDArray[np.int64], edge: NDArray[np.int64], weight: NDArray[np.float64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64], NDArray[np.int64]]:
+    """The cells in the order of their first nodes, which keeps neighbours close in memory."""
+    begins = np.cumsum(sizes) - sizes
+    order = np.argsort(np.minimum.reduceat(corners, begins), kind="stable") if len(sizes) else np.arange(0)
+    sizes = sizes[order]
+    at = np.repeat(begins[order] - (np.cumsum(sizes) - sizes), sizes) + np.arange(len(corners))
+    return corners[at], edge[at], weight[at], sizes
 
 
 def _grouped(keys: NDArray[np.int64], count: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -109,8 +121,8 @@ def edge_cells(graph: Graph) -> Cells:
 def face_cells(graph: Graph, rest: wp.array[wp.vec3d]) -> Cells:
     """Every polygon a cell, and every edge that was listed besides: spokes and rims.
 
-    Where mu are cotangents each polygon has its own angle's share of them, otherwise equal shares. rest: (n,) positions.
-    A graph without polygons has edges as cells.
+    Where mu are cotangents each polygon has its own angle's share of them, otherwise equal shares. rest: positions
+    (n,). A graph without polygons has edges as cells.
     """
     if graph.faces is None or not graph.faces.corners.shape[0]:
         return edge_cells(graph)
@@ -174,7 +186,8 @@ def _half_cotangents(
     sizes = np.diff(offsets)
     first, last = np.repeat(offsets[:-1], sizes), np.repeat(offsets[1:] - 1, sizes)
     c = np.arange(len(corners))
-    opposite = np.where(c == first, np.minimum(first + 2, last), np.where(c == last, np.maximum(last - 1, first), first))
+    after_two, before = np.minimum(first + 2, last), np.maximum(last - 1, first)
+    opposite = np.where(c == first, after_two, np.where(c == last, before, first))
     following = np.where(c == last, first, c + 1)
     apex = x[corners[opposite]]
     a, b = x[corners] - apex, x[corners[following]] - apex

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -11,6 +11,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from oneform_warp.arap import Refined, nearest_vectors
 from oneform_warp.fields import Fields, NodeFields
 from oneform_warp.forms import node_energy
 from oneform_warp.graph import Graph
@@ -68,6 +69,8 @@ class Deformation:
     _places: Places | None
     _nodes: NodeFields
     _form: wp.array[wp.vec3d]
+    refined: Refined | None
+    """The ARAP steps: energies, rotations per node, how they ended; None where there were none."""
     _begin: wp.array[wp.vec3d]
     _rest: Rest
     _stages: Stages
@@ -148,8 +151,13 @@ class Deformation:
 
     @cached_property
     def fields(self) -> Fields:
-        """omega and sigma per vertex."""
-        return self._nodes.per_vertex(self._rest.graph, self._rest.dimension)
+        """omega and sigma per vertex; after a refinement omega is that of the rotations that came of it."""
+        fields = self._nodes.per_vertex(self._rest.graph, self._rest.dimension)
+        if self.refined is None:
+            return fields
+        omega = self._rest.graph.vertices_from(self._nodes.omega)
+        turns = nearest_vectors(self.refined.fit.rotation.numpy()[self._rest.graph.node_of], omega)
+        return replace(fields, omega=turns[:, 2] if self._rest.dimension == 2 else turns)
 
     @property
     def omega(self) -> Any:

@@ -8,7 +8,10 @@ from typing import Any
 
 import warp as wp
 
+from oneform_warp.arap import Arap, Refined, alternate, field_rotations
+from oneform_warp.arap_energy import CellEnergy, Smoothness
 from oneform_warp.arrays import Rows, read_rows
+from oneform_warp.cells import Cells
 from oneform_warp.centroids import keep_centroids
 from oneform_warp.deformation import Deformation, Stages
 from oneform_warp.errors import InputError, NotConverged, OneFormWarning
@@ -19,7 +22,7 @@ from oneform_warp.grip import Grip
 from oneform_warp.handles import Handle
 from oneform_warp.places import Places, fitted
 from oneform_warp.rest import Rest
-from oneform_warp.solvers import Progress, Solver, States, default_solver
+from oneform_warp.solvers import Progress, Solver, State, States, default_solver
 from oneform_warp.starts import Problem, Start, read_start
 from oneform_warp.weights import Weights
 
@@ -96,6 +99,7 @@ class Deformer:
         self._rest = Rest(rows, self.graph)
         self._previous: wp.array[wp.vec3d] | None = None
         self._grip: Grip | None = None
+        self._cells: dict[str, Cells] = {}
         self._states = States(self._solver, self.graph)
 
     def deform(self, handles: Sequence[Handle] = (), **options: Any) -> Any:
@@ -117,6 +121,7 @@ class Deformer:
         fields: Fields | None = None,
         sweeps: int | None = None,
         length: float | None = None,
+        refine: int | Arap = 0,
         start: Start = "rest",
         progress: Progress | None = None,
     ) -> Deformation:
@@ -124,12 +129,14 @@ class Deformer:
 
         fields: painted omega and sigma per vertex; handles then only hold. sweeps, length: how far handles reach,
         see `Smoothing`; default the harmonic limit. start: "rest", "previous", "min_depth", "maximal", "minimal",
-        "zero", or positions (V, D); "previous" is the last solution of this Deformer.
+        "zero", or positions (V, D); "previous" is the last solution of this Deformer. refine: ARAP steps
+        after the solve, or an `Arap`.
         A component with nothing held keeps its centroid. Raises InputError before anything is solved.
         """
         graph, rest = self.graph, self._rest
         stages = Stages(graph.device)
         handles = fitted(handles, rest)
+        arap = Arap.of(refine)
         grip = self._grip_of(handles)
         places = Places.of(grip, handles, rest)
         make_start = read_start(start, graph, rest.dimension, rest.inside)
@@ -143,6 +150,13 @@ class Deformer:
         stages.stop("prepare")
         target = begin if grip.attachment is None else self._placed(rest.x, grip, places)
         solution = self._solver.solve(state, v, begin, target=target, progress=progress)
+        refined = None
+        if arap.steps:
+            stages.stop("solve")
+            refined = self._refined(arap, grip, state, solution.x, nodes, target)
+            v = refined.v
+            stages.stop("refine")
+            solution = self._solver.solve(state, v, refined.x, target=target, progress=progress)
         keep_centroids(graph, state.system.floating, solution.x, rest.x)
         self._previous = solution.x
         stages.stop("solve")
@@ -152,10 +166,40 @@ class Deformer:
             _places=places,
             _nodes=nodes,
             _form=v,
+            refined=refined,
             _begin=begin,
             _rest=rest,
             _stages=stages,
         )
+
+    def _refined(
+        self,
+        arap: Arap,
+        grip: Grip,
+        state: State,
+        x: wp.array[wp.vec3d],
+        nodes: NodeFields,
+        target: wp.array[wp.vec3d],
+    ) -> Refined:
+        """ARAP from the solution x (n,) of the fields; the cells stay for the next time."""
+        graph, rest = self.graph, self._rest
+        if rest.dimension == 1:
+            raise InputError("a line has no rotations to refine", where="refine", fix="use refine=0")
+        if arap.cells not in self._cells:
+            self._cells[arap.cells] = arap.cells_of(graph, rest.x)
+        still = wp.zeros_like(nodes.omega)
+        form = node_transformed_differential(graph, rest.x, still, nodes.sigma)
+        smoothness = Smoothness.of(graph, form, arap.smooth) if arap.smooth else None
+        energy = CellEnergy(
+            self._cells[arap.cells],
+            form,
+            state.system,
+            target,
+            grip.turned_alone,
+            planar=rest.dimension == 2,
+            smoothness=smoothness,
+        )
+        return alternate(energy, state, x, field_rotations(nodes.omega), arap)
 
     def check(self, handles: Sequence[Handle]) -> None:
         """InputError for handles that are empty, contradict each other or do what D cannot; nothing is solved."""

@@ -154,6 +154,17 @@ class Grip:
         on_device: wp.array[wp.int32] = wp.array(fixed, dtype=wp.int32, device=graph.device)
         return on_device
 
+    @cached_property
+    def turned_alone(self) -> wp.array[wp.int32]:
+        """1 at the nodes of handles that are turned and not placed: nothing but their rotation keeps them so, (n,)."""
+        graph = self.graph
+        alone = np.zeros(graph.node_count, dtype=np.int32)
+        for number, handle in enumerate(self.handles):
+            if handle.rotation is not None and not handle.placed:
+                alone[graph.node_of[handle.members(graph.vertex_count, number)]] = 1
+        on_device: wp.array[wp.int32] = wp.array(alone, dtype=wp.int32, device=graph.device)
+        return on_device
+
     def rotations(self, handles: Sequence[Handle], dimension: int) -> NDArray[np.float64]:
         """The rotation vectors, (handles, 3); InputError where two handles disagree, or D has no such turn."""
         for number, handle in enumerate(handles):

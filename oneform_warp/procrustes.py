@@ -34,10 +34,13 @@ def cofactors(b: wp.mat33d) -> wp.mat33d:
 
 
 @wp.func
-def largest_root(square: wp.float64, cofactor: wp.float64, det: wp.float64, bound: wp.float64) -> wp.float64:
-    """s_1 + s_2 + s_3 of singular values, the last with the sign of det: the largest root of
-    (l^2 - |B|^2)^2 - 8 det l - 4 |cof B|^2, by Newton's method from above."""
-    root = bound
+def largest_root(square: wp.float64, cofactor: wp.float64, det: wp.float64, start: wp.float64) -> wp.float64:
+    """The largest root of (l^2 - |B|^2)^2 - 8 det l - 4 |cof B|^2, by Newton's method.
+
+    It is s_1 + s_2 + s_3 of the singular values, the last one with the sign of det. start: at or above it, or between
+    it and the next largest root and where the polynomial rises.
+    """
+    root = start
     for _ in range(STEPS):
         middle = root * root - square
         value = middle * middle - wp.float64(8.0) * det * root - wp.float64(4.0) * cofactor
@@ -61,13 +64,17 @@ def nearest_rotation(b: wp.mat33d, old: wp.mat33d) -> wp.mat33d:
     size = wp.sqrt(wp.ddot(b, b))
     if size == wp.float64(0.0):
         return old
-    m = b / size + KEEP * old
+    m = (wp.float64(1.0) / size) * b + KEEP * old
     square = wp.ddot(m, m)
     cof = cofactors(m)
     det = m[0, 0] * cof[0, 0] + m[0, 1] * cof[0, 1] + m[0, 2] * cof[0, 2]
-    root = largest_root(square, wp.ddot(cof, cof), det, wp.sqrt(wp.float64(3.0) * square))
+    # The old rotation gives a lower bound, nearly sharp where little turned; above |B| no other root can be met.
+    start = wp.ddot(old, m)
+    if start * start <= square or start * (start * start - square) <= wp.float64(2.0) * det:
+        start = wp.sqrt(wp.float64(3.0) * square)
+    root = largest_root(square, wp.ddot(cof, cof), det, start)
     kappa = (root * root - square) / wp.float64(2.0)
     zeta = kappa * root - det
     if not zeta > OPEN:
         return by_singular_values(m)
-    return ((kappa + square) * m + root * cof - m * wp.transpose(m) * m) / zeta
+    return (wp.float64(1.0) / zeta) * ((kappa + square) * m + root * cof - m * wp.transpose(m) * m)

@@ -1,0 +1,373 @@
+"""The ARAP energy of cells: best rotations, what they ask of the edges, and how far the positions are from it.
+
+    E(x) = sum over cells c of 1/n_c sum over its corners i and edges e of w_ce |d_e - R_i s_e|^2,  d = dx, s at rest
+
+With R the best rotations this is the energy that spokes-and-rims ARAP minimises, by 1/3 on triangles.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import warp as wp
+
+from oneform_warp.cells import Cells
+from oneform_warp.forms import node_energy
+from oneform_warp.graph import Graph
+from oneform_warp.procrustes import nearest_rotation
+from oneform_warp.segments import launch_chunks
+from oneform_warp.solvers.system import System
+
+__all__ = ["CellEnergy", "Smoothness"]
+
+
+@wp.kernel(enable_backward=False)
+def _covariances(
+    # Graph:
+    offsets: wp.array[wp.int32],
+    corners: wp.array[wp.int32],
+    weight: wp.array[wp.float64],
+    # In:
+    s: wp.array[wp.vec3d],
+    x: wp.array[wp.vec3d],
+    # Out:
+    covariance_out: wp.array[wp.mat33d],
+):
+    c = wp.tid()
+    begin = offsets[c]
+    end = offsets[c + 1]
+    total = wp.mat33d()
+    first = x[corners[begin]]
+    here = first
+    for k in range(begin, end):
+        there = first
+        if k + 1 < end:
+            there = x[corners[k + 1]]
+        total += weight[k] * wp.outer(there - here, s[k])
+        here = there
+    covariance_out[c] = (wp.float64(1.0) / wp.float64(end - begin)) * total
+
+
+@wp.kernel(enable_backward=False)
+def _rotations(
+    # Graph:
+    around_offsets: wp.array[wp.int32],
+    around: wp.array[wp.int32],
+    cell: wp.array[wp.int32],
+    # In:
+    covariance: wp.array[wp.mat33d],
+    old: wp.array[wp.mat33d],
+    bias: wp.array[wp.mat33d],
+    given: wp.array[wp.int32],
+    planar: int,
+    # Out:
+    rotation_out: wp.array[wp.mat33d],
+):
+    i = wp.tid()
+    if given[i] != 0:
+        rotation_out[i] = old[i]
+        return
+    total = wp.mat33d()
+    for k in range(around_offsets[i], around_offsets[i + 1]):
+        total += covariance[cell[around[k]]]
+    if bias.shape[0] > 0:
+        total += bias[i]
+    if planar != 0:
+        # Half a turn about an axis in the plane would be a reflection of it.
+        total[2, 2] += wp.float64(2.0) * wp.sqrt(wp.ddot(total, total))
+    rotation_out[i] = nearest_rotation(total, old[i])
+
+
+@wp.func
+def mean_rotation(corners: wp.array[wp.int32], rotation: wp.array[wp.mat33d], begin: int, end: int) -> wp.mat33d:
+    """The mean matrix of a cell's corners: unlike a mean of vectors it has no seam at 180 degrees."""
+    total = wp.mat33d()
+    for k in range(begin, end):
+        total += rotation[corners[k]]
+    return (wp.float64(1.0) / wp.float64(end - begin)) * total
+
+
+@wp.kernel(enable_backward=False)
+def _pulls(
+    chunk_offsets: wp.array[wp.int32],
+    # Graph:
+    offsets: wp.array[wp.int32],
+    corners: wp.array[wp.int32],
+    weight: wp.array[wp.float64],
+    # In:
+    s: wp.array[wp.vec3d],
+    x: wp.array[wp.vec3d],
+    rotation: wp.array[wp.mat33d],
+    # Out:
+    pull_out: wp.array[wp.vec3d],
+    energy_out: wp.array[wp.vec3d],
+):
+    chunk, lane = wp.tid()
+    energy = wp.float64(0.0)
+    for c in range(chunk_offsets[chunk] + lane, chunk_offsets[chunk + 1], wp.block_dim()):
+        begin = offsets[c]
+        end = offsets[c + 1]
+        mean = mean_rotation(corners, rotation, begin, end)
+        first = x[corners[begin]]
+        here = first
+        before = wp.vec3d()
+        for k in range(begin, end):
+            there = first
+            if k + 1 < end:
+                there = x[corners[k + 1]]
+            wanted = mean * s[k]
+            misfit = there - here - wanted
+            pull = weight[k] * misfit
+            # At its corner an edge pulls forward, at the next one back.
+            pull_out[k] = pull - before
+            before = pull
+            # The mean over the corners of |d - R_i s|^2, without the difference of large numbers.
+            energy += weight[k] * (wp.length_sq(misfit) + wp.length_sq(s[k]) - wp.length_sq(wanted))
+            here = there
+        pull_out[begin] -= before
+    wp.tile_store(energy_out, wp.tile_sum(wp.tile(wp.vec3d(energy), preserve_type=True)), offset=chunk)
+
+
+@wp.kernel(enable_backward=False)
+def _residual(
+    chunk_offsets: wp.array[wp.int32],
+    # Graph:
+    around_offsets: wp.array[wp.int32],
+    around: wp.array[wp.int32],
+    # In:
+    pinned: wp.array[wp.int32],
+    attachment: wp.array[wp.float64],
+    target: wp.array[wp.vec3d],
+    x: wp.array[wp.vec3d],
+    pull: wp.array[wp.vec3d],
+    # Out:
+    r_out: wp.array[wp.vec3d],
+    square_out: wp.array[wp.vec3d],
+    attached_out: wp.array[wp.vec3d],
+):
+    chunk, lane = wp.tid()
+    square = wp.vec3d()
+    attached = wp.float64(0.0)
+    for i in range(chunk_offsets[chunk] + lane, chunk_offsets[chunk + 1], wp.block_dim()):
+        r = wp.vec3d()
+        if pinned[i] == 0:
+            for k in range(around_offsets[i], around_offsets[i + 1]):
+                r += pull[around[k]]
+            if attachment.shape[0] > 0:
+                gap = target[i] - x[i]
+                r += attachment[i] * gap
+                attached += attachment[i] * wp.length_sq(gap)
+        r_out[i] = r
+        square += wp.cw_mul(r, r)
+    wp.tile_store(square_out, wp.tile_sum(wp.tile(square, preserve_type=True)), offset=chunk)
+    wp.tile_store(attached_out, wp.tile_sum(wp.tile(wp.vec3d(attached), preserve_type=True)), offset=chunk)
+
+
+@wp.kernel(enable_backward=False)
+def _on_corners(
+    # Graph:
+    edge: wp.array[wp.int32],
+    # In:
+    form: wp.array[wp.vec3d],
+    # Out:
+    s_out: wp.array[wp.vec3d],
+):
+    k = wp.tid()
+    e = edge[k]
+    s_out[k] = wp.where(e < 0, -form[wp.max(e, ~e)], form[wp.max(e, ~e)])
+
+
+@wp.kernel(enable_backward=False)
+def _form(
+    # Graph:
+    along_offsets: wp.array[wp.int32],
+    along: wp.array[wp.int32],
+    cell: wp.array[wp.int32],
+    offsets: wp.array[wp.int32],
+    corners: wp.array[wp.int32],
+    edge: wp.array[wp.int32],
+    weight: wp.array[wp.float64],
+    # In:
+    s: wp.array[wp.vec3d],
+    rotation: wp.array[wp.mat33d],
+    # Out:
+    v_out: wp.array[wp.vec3d],
+):
+    e = wp.tid()
+    v = wp.vec3d()
+    total = wp.float64(0.0)
+    for h in range(along_offsets[e], along_offsets[e + 1]):
+        k = along[h]
+        c = cell[k]
+        w = weight[k]
+        v += wp.where(edge[k] < 0, -w, w) * (mean_rotation(corners, rotation, offsets[c], offsets[c + 1]) * s[k])
+        total += w
+    v_out[e] = v / total
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """Positions with the rotations that fit them best."""
+
+    x: wp.array[wp.vec3d]
+    rotation: wp.array[wp.mat33d]
+    r: wp.array[wp.vec3d]
+    """Half the negative gradient of E at the free nodes, zero at pinned ones."""
+    energy: float
+
+
+class CellEnergy:
+    """E(x) on cells with rest edges s, plus sum w_i |x_i - t_i|^2 of the attached nodes."""
+
+    def __init__(
+        self,
+        cells: Cells,
+        form: wp.array[wp.vec3d],
+        system: System,
+        target: wp.array[wp.vec3d],
+        given: wp.array[wp.int32],
+        *,
+        planar: bool = False,
+        smoothness: Smoothness | None = None,
+    ) -> None:
+        """form: the rest edges, stretched, (m,). target: (n,), used where nodes are attached. given: 1 where rotations
+        are not to change, (n,). planar: D = 2.
+        """
+        self.given, self.planar = given, planar
+        self.cells, self.system, self.target, self.smoothness = cells, system, target, smoothness
+        corners, device = cells.corners.shape[0], cells.graph.device
+        self.s = wp.empty(corners, dtype=wp.vec3d, device=device)
+        wp.launch(_on_corners, dim=corners, inputs=[cells.edge, form], outputs=[self.s], device=device)
+        self._covariance = wp.empty(cells.count, dtype=wp.mat33d, device=device)
+        self._pull = wp.empty(corners, dtype=wp.vec3d, device=device)
+        self._energies = cells.segments.partials()
+        self._attached = cells.graph.segments.partials()
+        self.square = cells.graph.segments.partials()
+        """|r|^2 of the last fit, partial sums."""
+        self.none = cells.graph.segments.partials()
+        """Zeros in the same shape."""
+
+    def fit(self, x: wp.array[wp.vec3d], old: wp.array[wp.mat33d]) -> Fit:
+        """The best rotations at x and what follows from them; `old` decides where they are open."""
+        cells, graph = self.cells, self.cells.graph
+        rotation = wp.empty_like(old)
+        inputs = [cells.offsets, cells.corners, cells.weight, self.s, x]
+        wp.launch(_covariances, dim=cells.count, inputs=inputs, outputs=[self._covariance], device=x.device)
+        bias = no_matrices(x.device) if self.smoothness is None else self.smoothness.bias(old)
+        inputs = [
+            cells.around_offsets,
+            cells.around,
+            cells.cell,
+            self._covariance,
+            old,
+            bias,
+            self.given,
+            int(self.planar),
+        ]
+        wp.launch(_rotations, dim=graph.node_count, inputs=inputs, outputs=[rotation], device=x.device)
+        inputs = [cells.offsets, cells.corners, cells.weight, self.s, x, rotation]
+        launch_chunks(_pulls, cells.segments, inputs, [self._pull, self._energies])
+        r = wp.empty_like(x)
+        system = self.system
+        launch_chunks(
+            _residual,
+            graph.segments,
+            [
+                *(cells.around_offsets, cells.around),
+                *(system.pinned, system.attachment, self.target, x, self._pull),
+            ],
+            [r, self.square, self._attached],
+        )
+        energy = float(self._energies.numpy()[:, 0].sum())
+        if system.attachment.shape[0]:
+            energy += float(self._attached.numpy()[:, 0].sum())
+        if self.smoothness is not None:
+            energy += self.smoothness.energy(rotation)
+        return Fit(x, rotation, r, energy)
+
+    def form(self, rotation: wp.array[wp.mat33d]) -> wp.array[wp.vec3d]:
+        """v_e = sum over its cells of w_ce / mu_e mean(R) s_e: the 1-form whose integral lowers E, (m,)."""
+        cells = self.cells
+        v = wp.empty(cells.graph.edge_count, dtype=wp.vec3d, device=rotation.device)
+        inputs = [cells.along_offsets, cells.along, cells.cell, cells.offsets, cells.corners, cells.edge, cells.weight]
+        wp.launch(_form, dim=v.shape[0], inputs=[*inputs, self.s, rotation], outputs=[v], device=v.device)
+        return v
+
+
+@wp.kernel(enable_backward=False)
+def _bias(
+    # Graph:
+    offsets: wp.array[wp.int32],
+    neighbours: wp.array[wp.int32],
+    incident: wp.array[wp.int32],
+    mu: wp.array[wp.float64],
+    # In:
+    scale: wp.float64,
+    rotation: wp.array[wp.mat33d],
+    # Out:
+    bias_out: wp.array[wp.mat33d],
+):
+    i = wp.tid()
+    total = wp.mat33d()
+    for h in range(offsets[i], offsets[i + 1]):
+        w = mu[wp.max(incident[h], ~incident[h])]
+        total += w * (rotation[i] + rotation[neighbours[h]])
+    bias_out[i] = scale * total
+
+
+@wp.kernel(enable_backward=False)
+def _roughness(
+    chunk_offsets: wp.array[wp.int32],
+    # Graph:
+    tail: wp.array[wp.int32],
+    head: wp.array[wp.int32],
+    mu: wp.array[wp.float64],
+    # In:
+    rotation: wp.array[wp.mat33d],
+    # Out:
+    energy_out: wp.array[wp.vec3d],
+):
+    k, lane = wp.tid()
+    energy = wp.float64(0.0)
+    for e in range(chunk_offsets[k] + lane, chunk_offsets[k + 1], wp.block_dim()):
+        change = rotation[head[e]] - rotation[tail[e]]
+        energy += mu[e] * wp.ddot(change, change)
+    wp.tile_store(energy_out, wp.tile_sum(wp.tile(wp.vec3d(energy), preserve_type=True)), offset=k)
+
+
+@dataclass(frozen=True, eq=False)
+class Smoothness:
+    """scale sum_ij mu_ij |R_i - R_j|^2, which rotations of neighbours pay for differing. Source: Levi, Gotsman 2015."""
+
+    graph: Graph
+    scale: float
+
+    @classmethod
+    def of(cls, graph: Graph, form: wp.array[wp.vec3d], alpha: float) -> Smoothness:
+        """alpha times the area 1/2 sum mu |s|^2 of the rest edges s (m,): so that scale is no matter."""
+        lengths = node_energy(graph, wp.zeros(graph.node_count, dtype=wp.vec3d, device=graph.device), form)[1]
+        return cls(graph, alpha * lengths / 2.0)
+
+    def bias(self, rotation: wp.array[wp.mat33d]) -> wp.array[wp.mat33d]:
+        """scale sum_j mu_ij (R_i + R_j), added to the covariances.
+
+        With R_i beside R_j the term is the tangent of a concave function, so that all nodes may turn at once and the
+        energy still falls.
+        """
+        graph, result = self.graph, wp.empty_like(rotation)
+        inputs = [graph.offsets, graph.neighbours, graph.incident, graph.mu, self.scale, rotation]
+        wp.launch(_bias, dim=graph.node_count, inputs=inputs, outputs=[result], device=rotation.device)
+        return result
+
+    def energy(self, rotation: wp.array[wp.mat33d]) -> float:
+        """Its value at these rotations (n,)."""
+        graph = self.graph
+        partial = graph.edge_segments.partials()
+        launch_chunks(_roughness, graph.edge_segments, [graph.tail, graph.head, graph.mu, rotation], [partial])
+        return self.scale * float(partial.numpy()[:, 0].sum())
+
+
+def no_matrices(device: Any) -> wp.array[wp.mat33d]:
+    """An empty array, for none."""
+    return wp.zeros(0, dtype=wp.mat33d, device=device)
