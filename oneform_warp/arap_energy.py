@@ -13,13 +13,13 @@ from typing import Any
 import warp as wp
 
 from oneform_warp.cells import Cells
-from oneform_warp.forms import node_energy
-from oneform_warp.graph import Graph
+from oneform_warp.forms import form_size
 from oneform_warp.procrustes import nearest_rotation
 from oneform_warp.segments import launch_chunks
+from oneform_warp.smoothness import Smoothness
 from oneform_warp.solvers.system import System
 
-__all__ = ["CellEnergy", "Smoothness"]
+__all__ = ["CellEnergy", "Fit"]
 
 
 @wp.kernel(enable_backward=False)
@@ -239,6 +239,8 @@ class CellEnergy:
         corners, device = cells.corners.shape[0], cells.graph.device
         self.s = wp.empty(corners, dtype=wp.vec3d, device=device)
         wp.launch(_on_corners, dim=corners, inputs=[cells.edge, form], outputs=[self.s], device=device)
+        self.size = form_size(cells.graph, form)
+        """sum mu |s|^2, what the energy is compared with."""
         self._covariance = wp.empty(cells.count, dtype=wp.mat33d, device=device)
         self._pull = wp.empty(corners, dtype=wp.vec3d, device=device)
         self._energies = cells.segments.partials()
@@ -293,79 +295,6 @@ class CellEnergy:
         inputs = [cells.along_offsets, cells.along, cells.cell, cells.offsets, cells.corners, cells.edge, cells.weight]
         wp.launch(_form, dim=v.shape[0], inputs=[*inputs, self.s, rotation], outputs=[v], device=v.device)
         return v
-
-
-@wp.kernel(enable_backward=False)
-def _bias(
-    # Graph:
-    offsets: wp.array[wp.int32],
-    neighbours: wp.array[wp.int32],
-    incident: wp.array[wp.int32],
-    mu: wp.array[wp.float64],
-    # In:
-    scale: wp.float64,
-    rotation: wp.array[wp.mat33d],
-    # Out:
-    bias_out: wp.array[wp.mat33d],
-):
-    i = wp.tid()
-    total = wp.mat33d()
-    for h in range(offsets[i], offsets[i + 1]):
-        w = mu[wp.max(incident[h], ~incident[h])]
-        total += w * (rotation[i] + rotation[neighbours[h]])
-    bias_out[i] = scale * total
-
-
-@wp.kernel(enable_backward=False)
-def _roughness(
-    chunk_offsets: wp.array[wp.int32],
-    # Graph:
-    tail: wp.array[wp.int32],
-    head: wp.array[wp.int32],
-    mu: wp.array[wp.float64],
-    # In:
-    rotation: wp.array[wp.mat33d],
-    # Out:
-    energy_out: wp.array[wp.vec3d],
-):
-    k, lane = wp.tid()
-    energy = wp.float64(0.0)
-    for e in range(chunk_offsets[k] + lane, chunk_offsets[k + 1], wp.block_dim()):
-        change = rotation[head[e]] - rotation[tail[e]]
-        energy += mu[e] * wp.ddot(change, change)
-    wp.tile_store(energy_out, wp.tile_sum(wp.tile(wp.vec3d(energy), preserve_type=True)), offset=k)
-
-
-@dataclass(frozen=True, eq=False)
-class Smoothness:
-    """scale sum_ij mu_ij |R_i - R_j|^2, which rotations of neighbours pay for differing. Source: Levi, Gotsman 2015."""
-
-    graph: Graph
-    scale: float
-
-    @classmethod
-    def of(cls, graph: Graph, form: wp.array[wp.vec3d], alpha: float) -> Smoothness:
-        """alpha times the area 1/2 sum mu |s|^2 of the rest edges s (m,): so that scale is no matter."""
-        lengths = node_energy(graph, wp.zeros(graph.node_count, dtype=wp.vec3d, device=graph.device), form)[1]
-        return cls(graph, alpha * lengths / 2.0)
-
-    def bias(self, rotation: wp.array[wp.mat33d]) -> wp.array[wp.mat33d]:
-        """scale sum_j mu_ij (R_i + R_j), added to the covariances.
-
-        With R_i beside R_j the term is the tangent of a concave function, so that all nodes may turn at once and the
-        energy still falls.
-        """
-        graph, result = self.graph, wp.empty_like(rotation)
-        inputs = [graph.offsets, graph.neighbours, graph.incident, graph.mu, self.scale, rotation]
-        wp.launch(_bias, dim=graph.node_count, inputs=inputs, outputs=[result], device=rotation.device)
-        return result
-
-    def energy(self, rotation: wp.array[wp.mat33d]) -> float:
-        """Its value at these rotations (n,)."""
-        graph = self.graph
-        partial = graph.edge_segments.partials()
-        launch_chunks(_roughness, graph.edge_segments, [graph.tail, graph.head, graph.mu, rotation], [partial])
-        return self.scale * float(partial.numpy()[:, 0].sum())
 
 
 def no_matrices(device: Any) -> wp.array[wp.mat33d]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -16,7 +17,7 @@ from oneform_warp.fields import Fields, NodeFields
 from oneform_warp.forms import node_energy
 from oneform_warp.graph import Graph
 from oneform_warp.grip import Grip
-from oneform_warp.notes import bare_notes, field_notes, misfit_notes
+from oneform_warp.notes import bare_notes, field_notes, is_misfit, misfit_notes, place_notes
 from oneform_warp.places import Places
 from oneform_warp.rest import Rest
 from oneform_warp.solvers import Solution, Status
@@ -67,6 +68,7 @@ class Deformation:
     _grip: Grip | None
     """None where painted fields take the place of handles."""
     _places: Places | None
+    _predict: Callable[[], tuple[wp.array[wp.vec3d], NDArray[np.bool_]]]
     _nodes: NodeFields
     _form: wp.array[wp.vec3d]
     refined: Refined | None
@@ -147,7 +149,21 @@ class Deformation:
         notes = field_notes(self._rest.graph, self._nodes)
         if self._grip is not None:
             notes += bare_notes(self._grip)
+        asked = self.refined is None and self._places is not None  # refining asks the targets for the rotations
+        if asked and self._grip is not None and is_misfit(*self._energy):
+            notes += place_notes(self._grip, self.misses, self._rest.diagonal)
         return (*notes, *misfit_notes(*self._energy))
+
+    @cached_property
+    def misses(self) -> dict[int, float]:
+        """How far each moved handle is from where its rotations alone would bring it, by number, in the unit of x.
+
+        The mean over its vertices, relative to what is held, or to the first handle. Takes another solve.
+        """
+        if self._places is None:
+            return {}
+        predicted, given = self._predict()
+        return self._places.misses(predicted, given, self._rest)
 
     @cached_property
     def fields(self) -> Fields:

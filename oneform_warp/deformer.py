@@ -6,10 +6,12 @@ import warnings
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
 import warp as wp
+from numpy.typing import NDArray
 
 from oneform_warp.arap import Arap, Refined, alternate, field_rotations
-from oneform_warp.arap_energy import CellEnergy, Smoothness
+from oneform_warp.arap_energy import CellEnergy
 from oneform_warp.arrays import Rows, read_rows
 from oneform_warp.cells import Cells
 from oneform_warp.centroids import keep_centroids
@@ -20,8 +22,9 @@ from oneform_warp.forms import node_transformed_differential
 from oneform_warp.graph import Graph
 from oneform_warp.grip import Grip
 from oneform_warp.handles import Handle
-from oneform_warp.places import Places, fitted
+from oneform_warp.places import Places, fitted, reference_nodes
 from oneform_warp.rest import Rest
+from oneform_warp.smoothness import Smoothness
 from oneform_warp.solvers import Progress, Solver, State, States, default_solver
 from oneform_warp.starts import Problem, Start, read_start
 from oneform_warp.weights import Weights
@@ -150,10 +153,10 @@ class Deformer:
         stages.stop("prepare")
         target = begin if grip.attachment is None else self._placed(rest.x, grip, places)
         solution = self._solver.solve(state, v, begin, target=target, progress=progress)
-        refined = None
+        refined, v_of_fields = None, v
         if arap.steps:
             stages.stop("solve")
-            refined = self._refined(arap, grip, state, solution.x, nodes, target)
+            refined = self._refined(arap, grip, state, solution.x, v, nodes, target)
             v = refined.v
             stages.stop("refine")
             solution = self._solver.solve(state, v, refined.x, target=target, progress=progress)
@@ -164,6 +167,7 @@ class Deformer:
             solution=solution,
             _grip=grip if fields is None else None,
             _places=places,
+            _predict=lambda: self._predicted(grip, v_of_fields, begin),
             _nodes=nodes,
             _form=v,
             refined=refined,
@@ -178,10 +182,11 @@ class Deformer:
         grip: Grip,
         state: State,
         x: wp.array[wp.vec3d],
+        v: wp.array[wp.vec3d],
         nodes: NodeFields,
         target: wp.array[wp.vec3d],
     ) -> Refined:
-        """ARAP from the solution x (n,) of the fields; the cells stay for the next time."""
+        """ARAP from the solution x (n,) for the 1-form v (m,) of the fields; the cells stay for the next time."""
         graph, rest = self.graph, self._rest
         if rest.dimension == 1:
             raise InputError("a line has no rotations to refine", where="refine", fix="use refine=0")
@@ -199,7 +204,15 @@ class Deformer:
             planar=rest.dimension == 2,
             smoothness=smoothness,
         )
-        return alternate(energy, state, x, field_rotations(nodes.omega), arap)
+        return alternate(energy, state, x, v, field_rotations(nodes.omega), arap)
+
+    def _predicted(
+        self, grip: Grip, v: wp.array[wp.vec3d], begin: wp.array[wp.vec3d]
+    ) -> tuple[wp.array[wp.vec3d], NDArray[np.bool_]]:
+        """Where nodes (n,) would be if the targets of moved handles were left out, and which of them were given."""
+        given = reference_nodes(grip)
+        state = self._solver.prepare(self.graph, given)
+        return self._solver.solve(state, v, begin).x, given
 
     def check(self, handles: Sequence[Handle]) -> None:
         """InputError for handles that are empty, contradict each other or do what D cannot; nothing is solved."""

@@ -185,7 +185,10 @@ def _joined(pieces: Sequence[_Piece]) -> Polygons:
 def _shifted(handle: Handle, piece: _Piece, mesh: int, number: int) -> Handle:
     """The handle on the vertices of all meshes."""
     own = handle.members(len(piece.rows.data), number)
-    return handle.on(own + piece.begin, f"{handle.name or number} of mesh {mesh}")
+    if handle.to is not None:
+        handle = handle.onto(handle.rows(len(piece.rows.data), number, handle.to, "to"))
+    inside = handle.within(piece.centre, piece.scale)
+    return inside.on(own + piece.begin, f"{handle.name or number} of mesh {mesh}")
 
 
 @contextmanager

@@ -233,6 +233,11 @@ def node_energy(graph: Graph, x: wp.array[wp.vec3d], v: wp.array[wp.vec3d]) -> t
     return float(phi), float(size)
 
 
+def form_size(graph: Graph, v: wp.array[wp.vec3d]) -> float:
+    """Sum mu_ij |v_ij|^2 of a 1-form on the device."""
+    return node_energy(graph, wp.zeros(graph.node_count, dtype=wp.vec3d, device=graph.device), v)[1]
+
+
 def edge_energy(graph: Graph, x: Any, v: Any) -> NDArray[np.float64]:
     """mu_ij |x_j - x_i - v_ij|^2 of every edge, (m,) float64. x: (V, D); v: (m, D)."""
     rows = read_rows(x, graph.vertex_count, "x")

@@ -8,10 +8,16 @@ from oneform_warp.fields import JUMP_LIMIT, NodeFields, fast_edges
 from oneform_warp.graph import Graph
 from oneform_warp.grip import Grip
 
-__all__ = ["bare_notes", "field_notes", "misfit_notes"]
+__all__ = ["bare_notes", "field_notes", "is_misfit", "misfit_notes", "place_notes"]
 
 MISFIT = 0.2
 """A thick bar twisted by 360 degrees misses 0.17, and one that loses turns 0.27 and more."""
+
+STRAINED = 0.02
+"""phi / sum mu |v|^2; targets that agree with the rotations on standard cases give up to 0.06, by twisting alone."""
+
+FAR = 0.1
+"""Of the box's diagonal: agreeing targets miss 0.005, a translated plate 0.35, CGAL's bent cactus 0.7."""
 
 
 def field_notes(graph: Graph, nodes: NodeFields) -> list[str]:
@@ -38,6 +44,21 @@ def bare_notes(grip: Grip) -> list[str]:
     more = f" and {len(bare) - 3} more" if len(bare) > 3 else ""
     return [
         f"no handle touches {len(bare)} of {graph.component_count} components, they stay as they are: {named}{more}"
+    ]
+
+
+def is_misfit(phi: float, asked: float) -> bool:
+    """Whether the edges miss enough of what the fields ask for to wonder about the places of handles."""
+    return phi > STRAINED * asked
+
+
+def place_notes(grip: Grip, misses: dict[int, float], diagonal: float) -> list[str]:
+    """Names the handles whose place contradicts the rotations; misses: distances by number."""
+    return [
+        f"the rotations alone would bring {grip.handles[number].label(number)} to a place {miss / diagonal:.0%} of the "
+        "box away from its target, and the edges stretch to reach it: refine=10 finds rotations that fit the targets"
+        for number, miss in misses.items()
+        if miss > FAR * diagonal
     ]
 
 

@@ -92,6 +92,20 @@ def _check_columns(dimension: int, handle: Handle, number: int, rest: Rest) -> N
         )
 
 
+def reference_nodes(grip: Grip) -> NDArray[np.bool_]:
+    """The nodes that others are compared with, (n,): held ones, in components without those of the first handle."""
+    graph = grip.graph
+    chosen = np.zeros(graph.node_count, dtype=bool)
+    # Handles that hold come first, whatever their number.
+    for number, handle in sorted(enumerate(grip.handles), key=lambda each: not each[1].held):
+        if handle.placed:
+            nodes = graph.node_of[handle.members(graph.vertex_count, number)]
+            taken = np.zeros(graph.component_count, dtype=bool)
+            taken[graph.node_component[chosen]] = not handle.held
+            chosen[nodes[~taken[graph.node_component[nodes]]]] = True
+    return chosen
+
+
 @dataclass(frozen=True, eq=False)
 class Places:
     """The targets of all handles that put their vertices somewhere else than in the rest pose."""
@@ -141,6 +155,18 @@ class Places:
                 where=f"vertex {self.vertices[b[k]]}",
                 fix="let handles overlap only where they agree (welded vertices count as one)",
             )
+
+    def misses(self, predicted: wp.array[wp.vec3d], given: NDArray[np.bool_], rest: Rest) -> dict[int, float]:
+        """How far the mean of each handle's vertices is from their mean target in a prediction, in the unit of x.
+
+        predicted: (n,), centred and scaled; given: the nodes that the prediction was given, whose handles are left out.
+        """
+        nodes = self.graph.node_of[self.vertices]
+        apart = predicted.numpy()[nodes] * rest.scale + rest.centre - self.targets
+        counted = ~given[nodes]
+        handles = np.unique(self.owner[counted])
+        means = (apart[counted & (self.owner == handle)].mean(axis=0) for handle in handles)
+        return {int(handle): float(np.linalg.norm(mean)) for handle, mean in zip(handles, means, strict=True)}
 
     def put(self, x: wp.array[wp.vec3d], rest: Rest) -> None:
         """Puts the nodes of the targets there, in place; x per node, centred and scaled."""

@@ -9,7 +9,7 @@ STEPS = wp.constant(50)
 
 ROOT_ERROR = wp.constant(wp.float64(1.0e-15))
 
-KEEP = wp.constant(wp.float64(1.0e-6))
+KEEP = wp.constant(wp.float64(1.0e-8))
 """How much of the old rotation is added, relative to |B|: it decides where B leaves the rotation open."""
 
 OPEN = wp.constant(wp.float64(1.0e-5))

@@ -47,6 +47,12 @@ class Rest:
         """D."""
         return self.rows.dimension
 
+    @property
+    def diagonal(self) -> float:
+        """Of the box of the rest pose, in the caller's unit."""
+        data = self.rows.data
+        return float(np.linalg.norm(data.max(axis=0) - data.min(axis=0))) if len(data) else 0.0
+
     def inside(self, data: NDArray[np.float64]) -> NDArray[np.float64]:
         """Positions (V, 3) in the caller's unit -> centred and scaled."""
         inside: NDArray[np.float64] = (data - self.centre) / self.scale

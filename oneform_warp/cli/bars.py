@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 from oneform_warp.deformer import Deformer
 from oneform_warp.errors import FileError
 from oneform_warp.filters import read_mesh
-from oneform_warp.handles import AXES, Handle
+from oneform_warp.handle_values import AXES
+from oneform_warp.handles import Handle
 from oneform_warp.preview import save_scene
 from oneform_warp.shapes import bar
 
