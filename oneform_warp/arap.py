@@ -32,8 +32,8 @@ __all__ = ["Arap", "Ending", "Refined", "alternate", "field_rotations", "nearest
 REDUCTION = 0.5
 """What a global step reduces its residual to; down to 1e-4 saves no step (spheres of 41k, elephant of 20k)."""
 
-EXACT = 1.0e-24
-"""Of sum mu |s|^2: the rounding of rotations and edges leaves less."""
+EXACT = 1.0e-14
+"""Of sum mu |s|^2: the energy is a difference, and what rounding leaves of it is some 1e-16."""
 
 NO_AXIS = 1.0e-9
 """Radians, below which the axis of a rotation matrix is rounding."""
@@ -154,7 +154,7 @@ def alternate(
     """
     fit, memory = energy.fit(x, rotation), None
     if fit.energy <= EXACT * energy.size:
-        # Nothing is bent: not even rounding is to move it.
+        # Nothing is bent that the energy could tell, and rounding is not to move it.
         return Refined(replace(fit, rotation=rotation), v, (fit.energy,), Ending.RESTING)
     energies, ending = [fit.energy], Ending.STEPS
     for _ in range(arap.steps):

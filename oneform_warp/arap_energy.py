@@ -122,7 +122,7 @@ def _pulls(
             # At its corner an edge pulls forward, at the next one back.
             pull_out[k] = pull - before
             before = pull
-            # The mean over the corners of |d - R_i s|^2, without the difference of large numbers.
+            # The mean over the corners of |d - R_i s|^2, R_i s about their mean.
             energy += weight[k] * (wp.length_sq(misfit) + wp.length_sq(s[k]) - wp.length_sq(wanted))
             here = there
         pull_out[begin] -= before
