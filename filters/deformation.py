@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from oneform_warp.arap import CELLS, RIMS, Arap
 from oneform_warp.errors import InputError, NotConverged, OneFormWarning
 from oneform_warp.fields import Fields
 from oneform_warp.filters.filter import Filter
@@ -32,6 +33,17 @@ SOLVING: tuple[Parameter, ...] = (
     Text("device", "", "Warp's name of a device, as 'cpu' or 'cuda:0'; empty for the current one."),
 )  # fmt: skip
 
+REFINING: tuple[Parameter, ...] = (
+    Whole("refine", 0, "Steps of ARAP refinement at most; targets that the rotations do not lead to want 5 to 20.", 0),
+    Number(
+        "refinetolerance", 0.0, "Refining ends when a step lowers the energy by less than this part of it.", 0.0, 1.0
+    ),
+    Choice("cells", RIMS, "What turns as one in the ARAP energy.", tuple(CELLS)),
+    Number(
+        "smoothrotations", 0.0, "How much rotations of neighbours pay for differing, 0.01 to 0.1; 0 for nothing.", 0.0
+    ),
+)
+
 SMOOTHING: tuple[Parameter, ...] = (
     Choice("smoothing", "harmonic", "How far handles reach: to the harmonic limit, for a number of sweeps, or over a "
            "screening length.", ("harmonic", "sweeps", "length")),
@@ -48,6 +60,7 @@ def _settings(values: dict[str, Any]) -> Settings:
         sweeps=values["sweeps"] if smoothing == "sweeps" else None,
         length=values["length"] if smoothing == "length" else None,
         start=values["start"],
+        refine=Arap(values["refine"], values["refinetolerance"], values["cells"], values["smoothrotations"]),
         solver=values["solver"],
         tol=values["tolerance"] or None,
         max_iterations=values["maxiterations"] or None,
@@ -67,10 +80,10 @@ def _integrate(meshes: MeshSet, *, rotation: str, stretch: str, **values: Any) -
     if not rotation and not stretch:
         raise InputError("there is no field", where="rotation", fix="name an attribute for rotation, stretch or both")
     placed = meshes.placed_handles()
-    turned = [handle.name for handle in placed.handles.values() if not handle.held]
+    turned = [handle.name for handle in placed.handles.values() if not handle.held and not handle.place]
     if turned:
-        fix = "clear it, or set it with held=True; the fields say the rest"
-        raise InputError("fields are given, so handles can only hold", where=f"handle {turned[0]!r}", fix=fix)
+        fix = "clear it, or set it with held=True or a place; the fields say the rest"
+        raise InputError("fields are given, so handles can only hold or place", where=f"handle {turned[0]!r}", fix=fix)
     count = len(placed.rest)
     omega = meshes.vertex_attribute(rotation, columns=3) if rotation else np.zeros((count, 3))
     sigma = meshes.vertex_attribute(stretch, columns=1) if stretch else np.ones(count)
@@ -108,7 +121,7 @@ DEFORMATION = Filter(
     "apply_coord_oneform_deformation",
     "Deforms the current mesh by its handles: their rotations and stretches spread over the mesh and are integrated. "
     "Each time it starts from the rest pose that the handles were set on.",
-    (*SMOOTHING, *SOLVING),
+    (*SMOOTHING, *REFINING, *SOLVING),
     _deform,
 )
 
@@ -118,6 +131,7 @@ INTEGRATION = Filter(
     (
         Text("rotation", "", "Name of a point attribute with rotation vectors in radians."),
         Text("stretch", "", "Name of a scalar attribute with factors above 0."),
+        *REFINING,
         *SOLVING,
     ),
     _integrate,

@@ -8,9 +8,11 @@ import numpy as np
 
 from oneform_warp.errors import InputError
 from oneform_warp.filters.filter import Filter, nearest
+from oneform_warp.filters.handle_place import PLACE, place_of
 from oneform_warp.filters.handle_set import PlacedHandle
 from oneform_warp.filters.handle_weights import SOURCES, handle_weights
 from oneform_warp.filters.parameters import Choice, ColorValue, Flag, Number, Text, Vector
+from oneform_warp.handles import FIT
 
 if TYPE_CHECKING:
     from oneform_warp.filters.meshset import MeshSet
@@ -23,15 +25,23 @@ CUSTOM = "custom axis"
 
 def _set_handle(meshes: MeshSet, **values: Any) -> dict[str, Any]:
     rotation = _rotation(values)
-    stretch = None if values["freestretch"] else values["stretch"]
-    if values["held"] and (any(rotation or ()) or stretch not in (None, 1.0)):
+    stretch = _stretch(values)
+    if values["held"] and (np.any(rotation or ()) or np.any(np.asarray(stretch or 1.0) != 1.0)):
         fix = "drop held, or drop the rotation and the stretch"
         raise InputError("a held handle stays where it is and cannot be rotated or stretched", where="held", fix=fix)
     weights = handle_weights(meshes, values)
+    chosen = np.asarray(weights > 0)
     placed = meshes.placed_handles()
-    handle = PlacedHandle(values["name"] or placed.free_name(), weights, rotation, stretch, values["held"])
-    if not handle.painted:
-        handle.hard()  # for its checks
+    handle = PlacedHandle(
+        name=values["name"] or placed.free_name(),
+        weights=weights,
+        rotation=FIT if values["fitrotation"] else rotation,
+        stretch=stretch,
+        held=values["held"],
+        frame=values["stretchframe"] if isinstance(stretch, tuple) else None,
+        place=place_of(meshes, values, chosen),
+    )
+    handle.check()
     placed.place(handle)
     return {"name": handle.name, "vertices": int(handle.mask.sum())}
 
@@ -54,10 +64,23 @@ def _rotation(values: dict[str, Any]) -> tuple[float, ...] | None:
     return tuple((np.radians(values["angle"]) * (axis / length)).tolist())
 
 
+def _stretch(values: dict[str, Any]) -> float | tuple[float, ...] | None:
+    """A factor, three of them, or None where the stretch is free."""
+    given = [name for name, none in (("stretch", 1.0), ("stretchfactors", (1.0, 1.0, 1.0))) if values[name] != none]
+    if values["freestretch"]:
+        given.append("freestretch")
+    if len(given) > 1:
+        raise InputError(f"{' and '.join(given)} are given", where="stretch", fix="give one of them")
+    if values["freestretch"]:
+        return None
+    factors: tuple[float, ...] = values["stretchfactors"]
+    return factors if "stretchfactors" in given else float(values["stretch"])
+
+
 SET_HANDLE = Filter(
     "set_oneform_handle",
-    "Makes a handle of vertices of the current mesh: they are held in place, rotated by any number of turns, "
-    "stretched, or any of these. The rest pose is the mesh as it is when it is first deformed.",
+    "Makes a handle of vertices of the current mesh: they are held in place, put somewhere, rotated by any "
+    "number of turns, stretched, or any of these. The rest pose is the mesh as it is when it is first deformed.",
     (
         Choice("source", "selection", "Where the vertices come from; 'selection' takes the selected vertices, or those "
                "of the selected faces. A condselect, attribute or group needs no source.", tuple(SOURCES)),
@@ -74,8 +97,11 @@ SET_HANDLE = Filter(
         Number("angle", 0.0, "Degrees, right-handed, any number of turns: 720 is not 0."),
         Vector("rotation", (0.0, 0.0, 0.0), "A rotation vector in radians, instead of axis and angle."),
         Number("stretch", 1.0, "Factor by which the surroundings grow.", 0.0, above=True),
+        Vector("stretchfactors", (1.0, 1.0, 1.0), "Three factors along x, y, z of the rest pose, instead of stretch."),
+        Vector("stretchframe", (0.0, 0.0, 0.0), "A rotation vector in radians that turns x, y, z to other directions."),
         Flag("freerotation", False, "Whether the handle leaves the rotation free."),
         Flag("freestretch", False, "Whether the handle leaves the stretch free."),
+        *PLACE,
     ),
     _set_handle,
 )  # fmt: skip

@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from oneform_warp import solvers
+from oneform_warp.arap import Arap
 from oneform_warp.deformation import Deformation
 from oneform_warp.deformer import Deformer
 from oneform_warp.errors import InputError
 from oneform_warp.fields import Fields, smooth_fields
 from oneform_warp.graph import Graph
-from oneform_warp.handles import Handle
+from oneform_warp.handles import FIT, Handle
 
 __all__ = ["SOLVERS", "HandleSet", "PlacedHandle", "Settings", "StaleHandles"]
 
@@ -34,6 +36,8 @@ class Settings:
     sweeps: int | None = None
     length: float | None = None
     start: str = "rest"
+    refine: int | Arap = 0
+    struts: float | None = None
     solver: str = "auto"
     tol: float | None = None
     max_iterations: int | None = None
@@ -48,7 +52,7 @@ class Settings:
 
     def of_the_deformer(self) -> Settings:
         """What has to be equal for a deformer to be used again."""
-        return replace(self, sweeps=None, length=None, start="rest")
+        return replace(self, sweeps=None, length=None, start="rest", refine=0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,10 +62,14 @@ class PlacedHandle:
     name: str
     weights: NDArray[np.bool_] | NDArray[np.float64]
     """(V,): a mask, whose rotation spreads smoothly, or weights in 0..1, by which the rotation is scaled as painted."""
-    rotation: tuple[float, ...] | None
-    """Rotation vector in radians; None where it is free."""
-    stretch: float | None
+    rotation: tuple[float, ...] | str | None
+    """Rotation vector in radians; FIT for the one that fits the targets; None where it is free."""
+    stretch: float | tuple[float, ...] | None
     held: bool
+    frame: tuple[float, ...] | None = None
+    """For three factors: the rotation vector that turns x, y, z to their directions."""
+    place: Mapping[str, Any] = field(default_factory=dict)
+    """What `Handle` takes about its place: to, move, pivot, weight, snap."""
 
     @property
     def painted(self) -> bool:
@@ -75,27 +83,31 @@ class PlacedHandle:
 
     def hard(self) -> Handle:
         """The handle as the deformer knows it."""
-        return Handle(self.mask, rotation=self.rotation, stretch=self.stretch, held=self.held, name=self.name)
+        return Handle(
+            self.mask,
+            rotation=self.rotation,
+            stretch=self.stretch,
+            frame=self.frame,
+            held=self.held,
+            name=self.name,
+            **self.place,
+        )
+
+    def check(self) -> None:
+        """InputError for requests that contradict each other."""
+        if not self.painted:
+            self.hard()
+        elif self.place or self.rotation == FIT or isinstance(self.stretch, tuple):
+            fix = "select the vertices instead of painting them"
+            raise InputError("painted weights scale a rotation and a factor only", where=repr(self.name), fix=fix)
 
     def describe(self, positions: NDArray[np.float64]) -> str:
         """One line: name, number of vertices, box (V, 3 positions), and what the handle does."""
         points = positions[self.mask]
         low, high = points.min(axis=0), points.max(axis=0)
         box = ", ".join(f"{axis} {a:.4g}..{b:.4g}" for axis, a, b in zip("xyz", low, high, strict=True))
-        return f"{self.name}: {len(points):,} vertices ({box}), {self._asked()}"
-
-    def _asked(self) -> str:
-        if self.held:
-            return "held in place"
-        turn = np.asarray(self.rotation or (0.0, 0.0, 0.0))
-        size = float(np.linalg.norm(turn))
-        axis = " ".join(f"{each + 0.0:.4g}" for each in turn / (size or 1.0))  # + 0.0 makes 0 of -0
-        words = [f"rotated by {np.degrees(size):.6g} degrees about ({axis})" if size else "not rotated"]
-        if self.rotation is None:
-            words = ["rotation free"]
-        if self.stretch != 1.0:
-            words.append("stretch free" if self.stretch is None else f"stretched by {self.stretch:.6g}")
-        return ", ".join([*words, *(["painted"] if self.painted else [])])
+        words = [self.hard().describe(), *(["painted"] if self.painted else [])]
+        return f"{self.name}: {len(points):,} vertices ({box}), {', '.join(words)}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,10 +175,10 @@ class HandleSet:
             smooth = smooth_fields(deformer.graph, hard, x=self.rest, solver=deformer.solver, **reach)  # type: ignore[arg-type]
             fields = _with_paint(smooth, painted)
         if fields is not None:
-            held = [handle for handle in hard if handle.held]
-            solution = deformer.solve(held, fields=fields, start=settings.start)
+            fixed = [handle for handle in hard if handle.placed]
+            solution = deformer.solve(fixed, fields=fields, start=settings.start, refine=settings.refine)
         else:
-            solution = deformer.solve(hard, start=settings.start, **reach)  # type: ignore[arg-type]
+            solution = deformer.solve(hard, start=settings.start, refine=settings.refine, **reach)  # type: ignore[arg-type]
         self.result = Result(solution, np.ascontiguousarray(solution.x, dtype=np.float64), deformer)
         return self.result
 

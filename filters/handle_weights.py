@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from oneform_warp.conditions import select, vertex_variables
+from oneform_warp.conditions import needs_positions_only, select, vertex_variables
 from oneform_warp.errors import InputError
 from oneform_warp.filters.filter import nearest
 
@@ -58,6 +58,8 @@ def _selected_faces(meshes: MeshSet, values: dict[str, Any]) -> NDArray[np.bool_
 
 
 def _condition(meshes: MeshSet, values: dict[str, Any]) -> Weights:
+    if needs_positions_only(values["condselect"]):
+        return select(values["condselect"], vertex_variables(meshes.vertex_matrix()))
     mesh = meshes.current_mesh()
     variables = vertex_variables(
         mesh.vertex_matrix(),

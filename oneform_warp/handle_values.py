@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from oneform_warp.errors import InputError
 
-__all__ = ["AXES", "frame_axes", "point", "pull_weights", "rotation_vector", "stretch_factors"]
+__all__ = ["AXES", "direction", "frame_axes", "point", "pull_weights", "rotation_vector", "stretch_factors"]
 
 AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
@@ -31,15 +31,19 @@ FRAME_ERROR = 1.0e-6
 
 
 def frame_axes(frame: Any, factors: Any, where: str) -> NDArray[np.float64] | None:
-    """Orthonormal columns (3, 3); None for x, y, z."""
+    """Orthonormal columns (3, 3) from themselves or from a rotation vector (3,); None for x, y, z."""
     if frame is None:
         return None
     axes = np.asarray(frame, dtype=np.float64)
+    if axes.shape == (3,) and np.isfinite(axes).all():
+        from scipy.spatial.transform import Rotation
+
+        axes = Rotation.from_rotvec(axes).as_matrix()
     if not isinstance(factors, np.ndarray):
         raise InputError("a frame needs three factors", where=where, fix="give stretch=(s1, s2, s3)")
     if axes.shape != (3, 3) or not np.abs(axes.T @ axes - np.eye(3)).max() <= FRAME_ERROR:
         raise InputError(
-            "the columns of the frame are not orthonormal", where=where, fix="give a rotation matrix (3, 3)"
+            "the columns of the frame are not orthonormal", where=where, fix="give a rotation matrix (3, 3) or vector"
         )
     return axes
 
@@ -72,8 +76,8 @@ def rotation_vector(
             raise InputError("both a rotation and an axis or angle are given", where=where, fix="give one of the two")
         if angle is None or not np.isfinite(angle):
             raise InputError(f"the angle is {angle}", where=where, fix="give the angle in degrees, as angle=90")
-        direction = (0.0, 0.0, 1.0) if axis is None else _axis(axis, where)
-        return np.radians(angle) * np.asarray(direction), axis is None
+        about = np.asarray(AXES["z"]) if axis is None else direction(axis, where)
+        return np.radians(angle) * about, axis is None
     if rotation is None:
         return None, False
     if hasattr(rotation, "as_rotvec"):
@@ -98,7 +102,8 @@ def rotation_vector(
     return (vector, False) if vector.shape == (3,) else (np.array([0.0, 0.0, float(vector.reshape(()))]), True)
 
 
-def _axis(axis: Any, where: str) -> NDArray[np.float64]:
+def direction(axis: Any, where: str) -> NDArray[np.float64]:
+    """"x", "-y" or three numbers -> a vector of length 1, (3,)."""
     if isinstance(axis, str):
         if axis.lower().lstrip("+-") not in AXES:
             raise InputError(f"there is no axis {axis!r}", where=where, fix="use 'x', 'y', 'z' or three numbers")

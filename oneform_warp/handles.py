@@ -74,7 +74,8 @@ class Handle:
         vertices: by number or by mask (V,). rotation: a rotation vector in radians, right-handed (D = 2: one angle);
         None leaves it free; "fit" takes the one that fits `to` best, below 180 degrees. axis: "x", "y", "z" or a
         vector, with angle in degrees (D = 2: angle alone). stretch: factor > 0, or three factors along the columns of
-        `frame` (default x, y, z) in the rest pose; None leaves it free. held: positions stay exactly where they are.
+        `frame` (default x, y, z; or a rotation vector) in the rest pose; None leaves it free. held: positions stay
+        exactly where they are.
 
         Positions are left to the solve unless something places them: `to`, rows (k, D), one for each of the vertices in
         their order (of a mask: ascending); or the rigid motion pivot + R S (x - pivot) + move, by `move` (D,), by
@@ -213,9 +214,35 @@ class Handle:
             and _same(as_numpy(self.vertices), as_numpy(other.vertices))
         )
 
+    def describe(self) -> str:
+        """What the handle does, in words."""
+        if self.held:
+            return "softly held in place" if self.soft else "held in place"
+        words = [_turn_in_words(self.rotation)] if not self.fitted else ["rotation fitted"]
+        factors = "free" if self.stretch is None else " ".join(f"{s:.6g}" for s in np.atleast_1d(self.stretch))
+        if factors != "1":
+            words.append("stretch free" if self.stretch is None else f"stretched by {factors}")
+        words += [
+            word
+            for word, value in (("put on targets", self.to), ("turned about a point", self.pivot))
+            if value is not None
+        ]
+        if self.move is not None:
+            words.append(f"moved by ({' '.join(f'{m:.4g}' for m in self.move)})")
+        words += ["softly"] if self.weight is not None else []
+        return ", ".join(words + (["snapped"] if self.snap else []))
+
     def label(self, number: int) -> str:
         """The handle's name for messages, its number where it has none."""
         return f"handle {number}" if self.name is None else f"handle {self.name!r}"
+
+
+def _turn_in_words(turn: NDArray[np.float64] | None) -> str:
+    if turn is None:
+        return "rotation free"
+    size = float(np.linalg.norm(turn))
+    axis = " ".join(f"{each + 0.0:.4g}" for each in turn / (size or 1.0))  # + 0.0 makes 0 of -0
+    return f"rotated by {np.degrees(size):.6g} degrees about ({axis})" if size else "not rotated"
 
 
 def _same(a: NDArray[Any], b: NDArray[Any]) -> bool:
