@@ -168,7 +168,7 @@ def alternate(
         if before - fit.energy <= arap.tol * before:
             ending = Ending.CONVERGED if arap.tol > 0.0 else Ending.RESTING
             break
-    return Refined(fit, energy.form(fit.rotation), tuple(energies), ending)
+    return Refined(fit, energy.form(fit), tuple(energies), ending)
 
 
 Memory = tuple[Fit, Any]

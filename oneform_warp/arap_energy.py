@@ -188,22 +188,27 @@ def _form(
     corners: wp.array[wp.int32],
     edge: wp.array[wp.int32],
     weight: wp.array[wp.float64],
+    tail: wp.array[wp.int32],
+    head: wp.array[wp.int32],
+    mu: wp.array[wp.float64],
     # In:
     s: wp.array[wp.vec3d],
+    x: wp.array[wp.vec3d],
     rotation: wp.array[wp.mat33d],
     # Out:
     v_out: wp.array[wp.vec3d],
 ):
     e = wp.tid()
-    v = wp.vec3d()
+    wanted = wp.vec3d()
     total = wp.float64(0.0)
     for h in range(along_offsets[e], along_offsets[e + 1]):
         k = along[h]
         c = cell[k]
         w = weight[k]
-        v += wp.where(edge[k] < 0, -w, w) * (mean_rotation(corners, rotation, offsets[c], offsets[c + 1]) * s[k])
+        wanted += wp.where(edge[k] < 0, -w, w) * (mean_rotation(corners, rotation, offsets[c], offsets[c + 1]) * s[k])
         total += w
-    v_out[e] = v / total
+    d = x[head[e]] - x[tail[e]]
+    v_out[e] = d + (wp.float64(1.0) / mu[e]) * (wanted - total * d)
 
 
 @dataclass(frozen=True, eq=False)
@@ -288,12 +293,16 @@ class CellEnergy:
             energy += self.smoothness.energy(rotation)
         return Fit(x, rotation, r, energy)
 
-    def form(self, rotation: wp.array[wp.mat33d]) -> wp.array[wp.vec3d]:
-        """v_e = sum over its cells of w_ce / mu_e mean(R) s_e: the 1-form whose integral lowers E, (m,)."""
-        cells = self.cells
-        v = wp.empty(cells.graph.edge_count, dtype=wp.vec3d, device=rotation.device)
-        inputs = [cells.along_offsets, cells.along, cells.cell, cells.offsets, cells.corners, cells.edge, cells.weight]
-        wp.launch(_form, dim=v.shape[0], inputs=[*inputs, self.s, rotation], outputs=[v], device=v.device)
+    def form(self, fit: Fit) -> wp.array[wp.vec3d]:
+        """The 1-form (m,) whose integral lowers E: v_e = d_e + sum over its cells of w_ce / mu_e (mean(R) s_e - d_e).
+
+        That is the mean of mean(R) s_e where the w_ce sum to mu_e.
+        """
+        cells, graph = self.cells, self.cells.graph
+        v = wp.empty(graph.edge_count, dtype=wp.vec3d, device=graph.device)
+        rings = [cells.along_offsets, cells.along, cells.cell, cells.offsets, cells.corners, cells.edge, cells.weight]
+        inputs = [*rings, graph.tail, graph.head, graph.mu, self.s, fit.x, fit.rotation]
+        wp.launch(_form, dim=v.shape[0], inputs=inputs, outputs=[v], device=v.device)
         return v
 
 

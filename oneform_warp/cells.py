@@ -12,18 +12,20 @@ from numpy.typing import NDArray
 from oneform_warp.assembly import listed_edges
 from oneform_warp.graph import Graph
 from oneform_warp.segments import Segments
+from oneform_warp.weights import COTANGENT_RANGE
 
 __all__ = ["Cells", "edge_cells", "face_cells"]
 
 AGREES = 1.0e-6
-"""Relative; cotangents whose sum is the edge's mu are its shares, others have been clamped or are of another kind."""
+"""Relative: by how much mu may differ from cotangents that it was made of."""
 
 
 @dataclass(frozen=True, eq=False)
 class Cells:
-    """Closed rings of corners; the edge from each corner to the next has the weight w of this cell's share of mu.
+    """Closed rings of corners; the edge from each corner to the next has this cell's weight w.
 
-    A single edge is a ring of two corners, whose second one has weight 0. The shares of an edge sum to its mu.
+    A single edge is a ring of two corners, whose second one has weight 0. The weights of an edge sum to its mu, or to
+    less where a cotangent has been clamped.
     """
 
     graph: Graph
@@ -121,7 +123,8 @@ def edge_cells(graph: Graph) -> Cells:
 def face_cells(graph: Graph, rest: wp.array[wp.vec3d]) -> Cells:
     """Every polygon a cell, and every edge that was listed besides: spokes and rims.
 
-    Where mu are cotangents each polygon has its own angle's share of them, otherwise equal shares. rest: positions
+    Where mu are cotangents each triangle has those of its own angles, clamped or not: its part of the energy is then
+    Dirichlet's, which is never negative. Otherwise the polygons of an edge have equal shares of its mu. rest: positions
     (n,). A graph without polygons has edges as cells.
     """
     if graph.faces is None or not graph.faces.corners.shape[0]:
@@ -165,18 +168,22 @@ def _shares(
     listed: NDArray[np.float64],
     x: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """What of its edge's mu each corner of a polygon has, (C,)."""
+    """The weight of the edge at each corner of a polygon, (C,)."""
     own, extra = edge[: len(corners)], edge[len(corners) :]
     proper = own >= 0
-    mu = graph.mu.numpy() - np.bincount(extra[extra >= 0], listed[extra >= 0], graph.edge_count)
-    halves = np.where(proper, _half_cotangents(corners, offsets, x), 0.0)
     at = np.where(proper, own, 0)
-    total = np.bincount(at, halves, graph.edge_count)
+    mu = graph.mu.numpy() - np.bincount(extra[extra >= 0], listed[extra >= 0], graph.edge_count)
     count = np.bincount(at, proper, graph.edge_count)
-    agrees = np.abs(total - mu) <= AGREES * mu
-    with np.errstate(divide="ignore", invalid="ignore"):
-        equal, scaled = (mu / count)[at], halves * (mu / total)[at]
-    return np.where(proper, np.where(agrees[at], scaled, equal), 0.0)
+    shares = (mu / np.maximum(count, 1))[at]
+    halves = np.where(proper, _half_cotangents(corners, offsets, x), 0.0)
+    low, high = COTANGENT_RANGE
+    clamped = np.clip(np.bincount(at, halves, graph.edge_count), low, high)
+    if (np.abs(clamped - mu) <= AGREES * clamped)[count > 0].all():
+        sizes = np.diff(offsets)
+        # A needle's cotangents have lost their digits, and sum to no Dirichlet energy.
+        exact = (sizes == 3) & (np.maximum.reduceat(np.abs(halves), offsets[:-1]) < high)
+        shares = np.where(np.repeat(exact, sizes), halves, shares)
+    return np.where(proper, shares, 0.0)
 
 
 def _half_cotangents(
