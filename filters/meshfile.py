@@ -2,8 +2,7 @@
 
 import os
 import tempfile
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -15,10 +14,11 @@ from numpy.typing import ArrayLike, NDArray
 from oneform_warp.errors import FileError, InputError
 from oneform_warp.filters.backends import Backend, Loaded, load, save
 from oneform_warp.filters.formats import OffRecords, Polygons, Records, StlRecords, scan
-from oneform_warp.filters.formats.companions import copy_companions, find_companions, sync
+from oneform_warp.filters.formats.companions import copy_companions, find_companions
 from oneform_warp.filters.formats.losses import lost
 from oneform_warp.filters.formats.motion import Motion, Normals
 from oneform_warp.filters.formats.records import packed_triangles
+from oneform_warp.filters.placing import failures, put, same_folder
 
 __all__ = ["READABLE", "SCENES", "WRITABLE", "MeshFile", "read_mesh"]
 
@@ -56,10 +56,25 @@ class MeshFile:
         """The vertex of each vertex record of the file, (R,): STL has three records a face, others one a vertex."""
         if not isinstance(self._records, StlRecords):
             return np.arange(len(self.positions))
-        vertices = _packed(self.faces)[0].astype(np.int64)
+        vertices = self.polygons[0].astype(np.int64)
         if not np.array_equal(self.positions[vertices], self._records.positions()):
             raise FileError("its triangles were read in another order", where=str(self.path), fix="report it")
         return vertices
+
+    @property
+    def records(self) -> Records | None:
+        """The file as it stands; None for formats and dialects that only a library knows."""
+        return self._records
+
+    @property
+    def triangles(self) -> NDArray[np.int32]:
+        """The faces cut into triangles (F, 3) by the library that read them."""
+        return self._loaded.triangles
+
+    @property
+    def polygons(self) -> Polygons:
+        """The faces as vertex indices and offsets."""
+        return _packed(self.faces)
 
     def keeps(self, path: str | os.PathLike[str]) -> bool:
         """Whether a file at this path would be this one with other numbers, everything else in it kept."""
@@ -69,7 +84,7 @@ class MeshFile:
         """What this file has and one at another path cannot have, in words; nothing in the format that was read."""
         if self._records is None or self.keeps(path):
             return ()
-        with _failures(self.path, "read"):
+        with failures(self.path, "read"):
             return lost(self._records.contents(), Path(path).suffix.lower())
 
     def check_target(self, path: str | os.PathLike[str]) -> None:
@@ -108,13 +123,13 @@ class MeshFile:
         turns = None if omega is None else _checked_omega(omega, points.shape)
         self.check_target(target)
         with (
-            _failures(target, "written"),
+            failures(target, "written"),
             tempfile.TemporaryDirectory(dir=target.parent, prefix=".") as name,
         ):
             folder = Path(name)
             companions, warnings = self._make(folder, target, points, turns, normals)
             warnings += copy_companions(companions, self.path.parent, target.parent)
-            warnings += _put(folder, target)
+            warnings += put(folder, target)
         return tuple(warnings)
 
     def _make(
@@ -126,16 +141,16 @@ class MeshFile:
         normals: Normals,
     ) -> tuple[list[Path], list[str]]:
         """Write the mesh into a folder, under the target's name; -> files that belong to it, and warnings."""
-        elsewhere = not _same_folder(target.parent, self.path.parent)
+        elsewhere = not same_folder(target.parent, self.path.parent)
         names = self._records.companions() if self._records is not None else ()
         if self._records is None or not self.keeps(target):
             save(self.path, self._loaded, folder / target.name, points, self._records)
             wanted = elsewhere and target.suffix.lower() in TEXTURED
             files, warnings = find_companions(self.path.parent, names) if wanted else ([], [])
             return [file for file in files if file.suffix.lower() not in (".mtl", ".bin")], warnings
-        rows = self.vertex_of
+        rows: Any = self.vertex_of if isinstance(self._records, StlRecords) else slice(None)
         turns = None if omega is None else omega[rows]
-        motion = Motion(self.positions[rows], points[rows], _packed(self.faces), turns, normals)
+        motion = Motion(self.positions[rows], points[rows], self.polygons, turns, normals)
         taken = frozenset() if elsewhere else frozenset(names)
         made = self._records.files(motion, target.name, taken)
         for name, data in made.items():
@@ -144,14 +159,17 @@ class MeshFile:
         return [file for file in files if file.name not in made], warnings
 
 
-def read_mesh(path: str | os.PathLike[str], *, backend: Backend = "auto", mesh_set: Any = None) -> MeshFile:
+def read_mesh(
+    path: str | os.PathLike[str], *, backend: Backend = "auto", mesh_set: Any = None, later: bool = False
+) -> MeshFile:
     """Read a mesh or a point cloud.
 
     "auto" takes pymeshlab, and trimesh where pymeshlab cannot be used; glTF is read as it stands, all nodes in world
     space as one mesh. mesh_set: a pymeshlab.MeshSet that gets the mesh too, as its current one, without reading it
-    twice. Raises FileError, with the path and what to do, for a file that is missing, not readable, empty or not
-    understood, for several meshes in one file, for scenes that cannot be deformed (skinned, instanced, compressed,
-    quantised), and for coordinates that are not finite.
+    twice. later: where MeshLab would read just what the file has, the set gets that by `load_later`, and there are no
+    colours, normals and quality. Raises FileError, with the path and what to do, for a file that is missing, not
+    readable, empty or not understood, for several meshes in one file, for scenes that cannot be deformed (skinned,
+    instanced, compressed, quantised), and for coordinates that are not finite.
     """
     source = Path(path).absolute()
     if source.suffix.lower() not in READABLE:
@@ -159,11 +177,11 @@ def read_mesh(path: str | os.PathLike[str], *, backend: Backend = "auto", mesh_s
     if not source.is_file() or not source.stat().st_size:
         state = "is empty" if source.is_file() else "does not exist"
         raise FileError(f"the file {state}", where=str(source), fix="check the path")
-    with _failures(source, "read"):
+    with failures(source, "read"):
         records = scan(source)
         if isinstance(records, OffRecords) and records.faces:
             _check_indices(records.polygons()[0], records.vertices, source)  # MeshLab would crash
-        loaded = load(source, backend, records, mesh_set)
+        loaded = load(source, backend, records, mesh_set, later=later)
         if records is not None:
             _check_count(records, loaded, source)
         faces = _faces(loaded, records)
@@ -219,30 +237,9 @@ def _faces(loaded: Loaded, records: Records | None) -> Faces:
     return np.concatenate(faces).astype(np.int32), np.cumsum([0, *sizes], dtype=np.int32)
 
 
-def _put(folder: Path, target: Path) -> list[str]:
-    """Move what was written in a folder beside the target, brought to the disk, the mesh last; -> warnings.
-
-    MeshLab's materials, named after the mesh, and the buffers of a scene belong to it; a texture that is there already
-    with other contents is somebody else's and stays.
-    """
-    beside = [made for made in sorted(folder.iterdir()) if made.name != target.name]
-    own = [made for made in beside if made.name.startswith(target.name) or made.suffix == ".bin"]
-    textures = [made for made in beside if made not in own]
-    warnings = list(copy_companions(textures, folder, target.parent))
-    for made in [*own, folder / target.name]:  # the mesh refers to the others
-        sync(made)
-        os.replace(made, target.parent / made.name)
-    sync(target.parent)
-    return warnings
-
-
 def _packed(faces: Faces) -> Polygons:
     """Faces as indices and offsets."""
     return faces if isinstance(faces, tuple) else packed_triangles(faces)
-
-
-def _same_folder(left: Path, right: Path) -> bool:
-    return left.resolve() == right.resolve()
 
 
 def _checked(positions: ArrayLike, path: Path) -> NDArray[np.float64]:
@@ -250,8 +247,9 @@ def _checked(positions: ArrayLike, path: Path) -> NDArray[np.float64]:
     points = np.ascontiguousarray(positions, dtype=np.float64)
     if not len(points):
         raise FileError("there are no vertices", where=str(path), fix="check that it is a mesh file")
-    bad = np.flatnonzero(~np.isfinite(points).all(axis=-1))
-    if len(bad):
+    finite = np.isfinite(points)
+    if not finite.all():
+        bad = np.flatnonzero(~finite.all(axis=-1))
         values = points[bad[0]].tolist()
         what = f"vertex {bad[0]} (from 0) is not finite: {values}"
         raise FileError(what, where=str(path), fix=f"repair it and {len(bad) - 1} more")
@@ -276,19 +274,3 @@ def _check_indices(indices: NDArray[np.int32], vertices: int, path: Path) -> Non
 
 def _unsupported(path: Path, known: set[str]) -> FileError:
     return FileError(f"unknown extension '{path.suffix}'", where=str(path), fix=f"use {', '.join(sorted(known))}")
-
-
-@contextmanager
-def _failures(path: Path, verb: str) -> Iterator[None]:
-    """Turn what a backend raises into FileError, and go back to the folder that MeshLab leaves."""
-    folder = os.getcwd()
-    try:
-        yield
-    except FileError:
-        raise
-    except Exception as error:  # importers raise anything on broken files
-        reason = " ".join(str(error).split()) or type(error).__name__
-        fix = "check that it is a mesh of this format" if verb == "read" else "choose another format or folder"
-        raise FileError(f"cannot be {verb}: {reason}", where=str(path), fix=fix) from error
-    finally:
-        os.chdir(folder)

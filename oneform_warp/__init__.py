@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from oneform_warp.forms import codifferential, differential, edge_energy, energy, transform
     from oneform_warp.graph import Graph
     from oneform_warp.handles import Handle
+    from oneform_warp.sequences import Keyframes
     from oneform_warp.solvers import CG, Cholmod, CuDSS, Jacobi, Multigrid, Solution, Status, SuperLU, solve
     from oneform_warp.tree import SpanningTree, integrate_tree, spanning_tree
 
@@ -42,6 +43,7 @@ _HOME = {
     "forms": ["codifferential", "differential", "edge_energy", "energy", "transform"],
     "graph": ["Graph"],
     "handles": ["Handle"],
+    "sequences": ["Keyframes"],
     "solvers": ["CG", "Cholmod", "CuDSS", "Jacobi", "Multigrid", "Solution", "Status", "SuperLU", "solve"],
     "tree": ["SpanningTree", "integrate_tree", "spanning_tree"],
 }
@@ -61,6 +63,7 @@ __all__ = [
     "Handle",
     "InputError",
     "Jacobi",
+    "Keyframes",
     "Multigrid",
     "NotConverged",
     "OneFormWarning",

@@ -91,6 +91,11 @@ class Deformer:
         """What solves for the fields and the positions."""
         return self._solver
 
+    @property
+    def rest(self) -> Rest:
+        """The rest pose."""
+        return self._rest
+
     def rest_on(self, x: Any) -> None:
         """Takes another rest pose of the same mesh: the weld and the edges stay, weights by kind are measured anew."""
         rows = read_rows(x, self.graph.vertex_count, "x")

@@ -218,12 +218,13 @@ def test_a_direct_solver_has_no_precision_to_choose(bar, tmp_path):
 
 def test_choices_are_those_of_the_core():
     from oneform_warp import solvers
+    from oneform_warp.arap import CELLS
     from oneform_warp.starts import STARTS
     from oneform_warp.weights import KINDS
 
-    named = [name.lower() for name, each in vars(solvers).items() if isinstance(each, type) and hasattr(each, "tol")]
-    assert CHOICES["solver"] == ("auto", *sorted(named))
+    assert CHOICES["solver"] == ("auto", *sorted(solvers.SOLVERS))
     assert CHOICES["start"] == tuple(STARTS)
+    assert CHOICES["cells"] == tuple(CELLS)
     assert CHOICES["weights"] == KINDS
 
 

@@ -48,6 +48,10 @@ BOUNDS = [
     ("fig8_hand", "largest error of a turn / degrees", 0, 10, "of 110: only the handle's border is pulled"),
     ("fig9_horse", "largest error of a turn / degrees", 0, 8, "of 70: only the handle's border is pulled"),
     ("fig_bunny", "largest error of a turn / degrees", 0, 8, "of 60: only the handle's border is pulled"),
+    ("inner_struts", "volume lost at 180°, alone / %", 15, 30, "the surface alone gets thinner"),
+    ("inner_struts", "volume lost at 180°, with struts / %", -1, 3, "what struts are for"),
+    ("inner_struts", "volume lost at 720°, alone / %", 60, 90, "the surface alone gets thinner"),
+    ("inner_struts", "volume lost at 720°, with struts / %", -1, 15, "what struts are for"),
     ("kernels_for_reuse", "strain: largest difference from NumPy", 0, 1e-12, "float64, a few operations"),
     ("kernels_for_reuse", "normals: largest difference from NumPy", 0, 1e-12, "as above"),
     ("kernels_for_reuse", "frames: largest difference from NumPy", 0, 1e-12, "as above"),
@@ -62,6 +66,8 @@ BOUNDS = [
     ("point_set", "distance from the rigid motion / box", 0, 1e-5, "tol 1e-6 times the condition"),
     ("poisson_cloning", "largest error, mixed = False", 0, 1e-6, "tol 1e-8 times the condition"),
     ("poisson_cloning", "largest error, mixed = True", 0, 1e-6, "as above"),
+    ("sequence", "last frame - one-off result", 0, 0, "to the last bit"),
+    ("sequence", "half-way to a whole turn / degrees", 179.999, 180.001, "the handle's own value"),
     ("polyline_1d", "error against the closed form", 0, 1e-10, "tol 1e-12 times the condition, 100 edges"),
 ]
 
@@ -106,7 +112,7 @@ def test_every_example_has_a_number():
 def test_figure_is_drawn(name, tmp_path, monkeypatch, capsys):
     from matplotlib.image import imread
 
-    monkeypatch.setattr("oneform_warp.preview._polyscope", lambda *_: None)  # a process per picture takes seconds
+    monkeypatch.setattr("oneform_warp.preview.by_polyscope", lambda *_: None)  # a process per picture takes seconds
     importlib.import_module(name).main(tmp_path)
     assert capsys.readouterr().out.count("\n") >= 1
     pictures = list(tmp_path.glob("*.png"))

@@ -110,7 +110,7 @@ def test_normals_and_tangents_turn_with_the_field_in_world_space(tmp_path):
     np.testing.assert_allclose(again.normals[4:], mesh.normals[4:] @ [[0, 1, 0], [-1, 0, 0], [0, 0, 1]], atol=1e-6)
     assert again.positions.tobytes() == mesh.positions.tobytes()
     records = scan(tmp_path / "b.glb")
-    stored = records._read(primitive["attributes"]["TANGENT"])
+    stored = records.read(primitive["attributes"]["TANGENT"])
     # The node turns its x into the world's y, which turns into -x, which is the node's -z.
     np.testing.assert_allclose(stored, [[1, 0, 0, -1]] * 4 + [[0, 0, -1, -1]] * 4, atol=1e-6)
 

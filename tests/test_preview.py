@@ -71,7 +71,7 @@ def test_scene_takes_polygons_points_planes_and_scalars(tmp_path, backend):
 
 
 def test_auto_falls_back_when_polyscope_fails(tmp_path, monkeypatch):
-    monkeypatch.setattr("oneform_warp.preview._polyscope", lambda *_: None)
+    monkeypatch.setattr("oneform_warp.preview.by_polyscope", lambda *_: None)
     x, faces = grid(3)
     assert save_preview(tmp_path / "a.png", x, x, faces) == "matplotlib"
     with pytest.raises(InputError, match="polyscope cannot draw here"):

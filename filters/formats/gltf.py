@@ -1,7 +1,7 @@
 """glTF and GLB: the positions of all nodes in world space, written back into the accessors that hold them."""
 
 from collections import Counter
-from collections.abc import Mapping, Set
+from collections.abc import Iterator, Mapping, Set
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
@@ -66,13 +66,14 @@ class GltfRecords(Records):
         except (TypeError, ValueError):
             raise ValueError(f"accessor {accessor} lies outside its buffer") from None
 
-    def _read(self, accessor: int) -> NDArray[Any]:
+    def read(self, accessor: int) -> NDArray[Any]:
+        """An accessor's numbers (count, width)."""
         return self._view(accessor, self.container.buffers)
 
     @cached_property
     def spans(self) -> list[slice]:
         """The vertices of each part."""
-        ends = np.cumsum([0, *(len(self._read(part.positions)) for part in self.parts)]).tolist()
+        ends = np.cumsum([0, *(len(self.read(part.positions)) for part in self.parts)]).tolist()
         return [slice(a, b) for a, b in pairwise(ends)]
 
     @cached_property
@@ -81,7 +82,7 @@ class GltfRecords(Records):
         found = [np.zeros((0, 3), dtype=np.int64)]
         for part, span in zip(self.parts, self.spans, strict=True):
             count = span.stop - span.start
-            indices = np.arange(count) if part.indices is None else self._read(part.indices)[:, 0].astype(np.int64)
+            indices = np.arange(count) if part.indices is None else self.read(part.indices)[:, 0].astype(np.int64)
             if indices.size and indices.max() >= count:
                 raise ValueError(f"a face uses vertex {indices.max()} (from 0) of {count}")
             found.append(_triangles(indices, part.mode) + span.start)
@@ -91,7 +92,7 @@ class GltfRecords(Records):
         """The accessors of all parts in world space."""
         if not self.parts:
             return np.zeros((0, 3))
-        return np.concatenate([part.outside(self._read(part.positions).astype(np.float64)) for part in self.parts])
+        return np.concatenate([part.outside(self.read(part.positions).astype(np.float64)) for part in self.parts])
 
     def polygons(self) -> Polygons:
         """All triangles."""
@@ -101,7 +102,7 @@ class GltfRecords(Records):
         """The stored normals (V, 3) in world space; None where a part has none."""
         if not self.parts or any(part.normals is None for part in self.parts):
             return None
-        return np.concatenate([part.normals_outside(self._read(part.normals or 0)) for part in self.parts])
+        return np.concatenate([part.normals_outside(self.read(part.normals or 0)) for part in self.parts])
 
     def colors(self) -> Floats | None:
         """The vertices' colours (V, 4) in 0..1; None where a part has none."""
@@ -109,7 +110,7 @@ class GltfRecords(Records):
             return None
         found = []
         for part in self.parts:
-            values = self._read(part.colors or 0)
+            values = self.read(part.colors or 0)
             scale = 1.0 if values.dtype.kind == "f" else np.iinfo(values.dtype).max
             found.append(np.ones((len(values), 4)))
             found[-1][:, : values.shape[1]] = values / scale
@@ -145,7 +146,7 @@ class GltfRecords(Records):
         """The scene with other positions, normals and tangents in its accessors, and the buffers beside it."""
         buffers = {number: bytearray(data) for number, data in self.container.buffers.items()}
         bounds: dict[int, dict[str, list[float]]] = {}
-        self._check_shared(motion)
+        self.check_shared(motion)
         for part, span in zip(self.parts, self.spans, strict=True):
             rows = motion.rows[(motion.rows >= span.start) & (motion.rows < span.stop)]
             if len(rows):
@@ -154,7 +155,7 @@ class GltfRecords(Records):
         changed = {n: bytes(data) for n, data in buffers.items() if data != self.container.buffers[n]}
         return self.container.files(name, changed, bounds, taken) if changed else {name: self.data}
 
-    def _check_shared(self, motion: Motion) -> None:
+    def check_shared(self, motion: Motion) -> None:
         """Vertices that several primitives of a node use are there once, and cannot be in two places."""
         uses, first = Counter(part.positions for part in self.parts), dict[int, slice]()
         for part, span in zip(self.parts, self.spans, strict=True):
@@ -175,24 +176,27 @@ class GltfRecords(Records):
 
     def _turn(self, buffers: Mapping[int, bytearray], motion: Motion) -> None:
         """Turn normals, and along with them tangents, in all parts."""
-        if motion.normals == "keep":
+        for part in range(len(self.parts)):
+            for _, accessor, rows, values in self.turned(part, motion):
+                self._view(accessor, buffers)[rows, :3] = values
+
+    def turned(self, part: int, motion: Motion) -> Iterator[tuple[str, int, NDArray[np.int64], Floats]]:
+        """Normals and tangents of a part that turn: attribute, accessor, rows (n,), values (n, 3) on the node."""
+        each, span = self.parts[part], self.spans[part]
+        if motion.normals == "keep" or (each.normals is None and each.tangents is None):
             return
-        corners = motion.polygons[0].astype(np.int64)
-        for part, span in zip(self.parts, self.spans, strict=True):
-            vertices = np.arange(span.start, span.stop)
-            own = np.where((corners >= span.start) & (corners < span.stop), corners - span.start, len(vertices))
-            if part.normals is not None:
-                view = self._view(part.normals, buffers)
-                stored = part.normals_outside(self._read(part.normals))
-                turned = motion.turned(stored, vertices, own)
-                rows = np.flatnonzero((turned != stored).any(axis=1))
-                view[rows] = part.normals_inside(turned[rows])
-            if part.tangents is not None and motion.normals == "rotate":
-                view = self._view(part.tangents, buffers)
-                stored = part.tangents_outside(self._read(part.tangents)[:, :3])
-                turned = motion.turned(stored, vertices, own)
-                rows = np.flatnonzero((turned != stored).any(axis=1))
-                view[rows, :3] = part.tangents_inside(turned[rows])
+        vertices, corners = np.arange(span.start, span.stop), motion.polygons[0].astype(np.int64)
+        own = np.where((corners >= span.start) & (corners < span.stop), corners - span.start, len(vertices))
+        if each.normals is not None:
+            stored = each.normals_outside(self.read(each.normals))
+            after = motion.turned(stored, vertices, own)
+            rows = np.flatnonzero((after != stored).any(axis=1))
+            yield "NORMAL", each.normals, rows, each.normals_inside(after[rows])
+        if each.tangents is not None and motion.normals == "rotate":
+            stored = each.tangents_outside(self.read(each.tangents)[:, :3])
+            after = motion.turned(stored, vertices, own)
+            rows = np.flatnonzero((after != stored).any(axis=1))
+            yield "TANGENT", each.tangents, rows, each.tangents_inside(after[rows])
 
 
 def _triangles(indices: NDArray[np.int64], mode: int) -> NDArray[np.int64]:

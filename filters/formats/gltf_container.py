@@ -45,9 +45,7 @@ class Container:
         for number, each in bounds.items():
             scene["accessors"][number] |= each
         files: dict[str, bytes] = {}
-        stem = PurePosixPath(name).stem
-        candidates = (f"{stem}{f'-{i}' if i else ''}.bin" for i in count())
-        chunks = self.chunks
+        chunks, stem = self.chunks, PurePosixPath(name).stem
         for number, data in changed.items():
             uri = scene["buffers"][number].get("uri")
             if uri is None:
@@ -55,11 +53,44 @@ class Container:
             elif uri.startswith("data:"):
                 scene["buffers"][number]["uri"] = uri[: uri.index(",") + 1] + base64.b64encode(data).decode()
             else:
-                own = next(each for each in candidates if each not in taken)
+                own = _free_name(stem, taken | files.keys())
                 scene["buffers"][number]["uri"] = quote(own)
                 files[own] = data
-        text = json.dumps(scene, ensure_ascii=False, separators=(",", ":"), allow_nan=False).encode()
-        return {name: text if chunks is None else _glb(text, chunks), **files}
+        return {name: _packed(scene, chunks), **files}
+
+    @property
+    def end(self) -> tuple[int, int]:
+        """Where more numbers can stand: the buffer in a .glb itself, or else a new one, and how much comes before."""
+        own = self.buffers and "uri" not in self.scene["buffers"][0]
+        if own and any(kind == BIN for kind, _ in self.chunks or ()):
+            return 0, len(self.buffers[0]) + -len(self.buffers[0]) % 4
+        return len(self.buffers), 0
+
+    def extended(self, scene: dict[str, Any], data: bytes, name: str, taken: Set[str]) -> Mapping[str, bytes]:
+        """Another scene under a name, with data at the `end` of what is here; names are not `taken`, as for `files`."""
+        number, offset = self.end
+        files, chunks, entry = dict[str, bytes](), self.chunks, {"byteLength": offset + len(data)}
+        if offset or number < len(self.buffers):
+            scene["buffers"][number] |= entry
+            whole = self.buffers[number].ljust(offset, b"\0") + data
+            chunks = tuple((kind, whole if kind == BIN else each) for kind, each in chunks or ())
+        elif chunks is not None and not number:
+            scene["buffers"], chunks = [entry], ((BIN, data), *chunks)
+        else:
+            own = _free_name(f"{PurePosixPath(name).stem}-frames", taken)
+            scene.setdefault("buffers", []).append(entry | {"uri": quote(own)})
+            files[own] = data
+        return {name: _packed(scene, chunks), **files}
+
+
+def _free_name(stem: str, taken: Set[str]) -> str:
+    candidates = (f"{stem}{f'-{i}' if i else ''}.bin" for i in count())
+    return next(each for each in candidates if each not in taken)
+
+
+def _packed(scene: Mapping[str, Any], chunks: tuple[tuple[bytes, bytes], ...] | None) -> bytes:
+    text = json.dumps(scene, ensure_ascii=False, separators=(",", ":"), allow_nan=False).encode()
+    return text if chunks is None else _glb(text, chunks)
 
 
 def read_container(path: Path) -> Container:

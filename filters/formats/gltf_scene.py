@@ -26,6 +26,9 @@ FLOAT = 5126
 class Part:
     """A primitive on a node: accessors by number, None where there is none, and the node's matrix to the world."""
 
+    node: int
+    primitive: int
+    """Its number in the node's mesh."""
     name: str
     world: Floats
     mode: int
@@ -95,11 +98,13 @@ def parts(scene: Mapping[str, Any]) -> Iterator[Part]:
             continue
         name = str(node.get("name", ""))
         mesh = scene["meshes"][node["mesh"]]
-        for primitive in mesh["primitives"]:
+        for place, primitive in enumerate(mesh["primitives"]):
             attributes = primitive["attributes"]
             if "POSITION" not in attributes:
                 continue
             part = Part(
+                number,
+                place,
                 name,
                 world,
                 primitive.get("mode", 4),

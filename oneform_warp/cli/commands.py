@@ -7,7 +7,7 @@ from typing import Any, NoReturn
 import click
 
 from oneform_warp import __version__
-from oneform_warp.cli import batch, deform, demo, doctor, info, recipes
+from oneform_warp.cli import animate, batch, deform, demo, doctor, info, recipes
 from oneform_warp.errors import InputError
 
 __all__ = ["INTERRUPTED", "main"]
@@ -60,5 +60,13 @@ def main() -> None:
     """Deform meshes by integrating vector-valued 1-forms, on NVIDIA Warp."""
 
 
-for command in (deform.command, batch.command, recipes.command, info.command, doctor.command, demo.command):
+for command in (
+    deform.command,
+    animate.command,
+    batch.command,
+    recipes.command,
+    info.command,
+    doctor.command,
+    demo.command,
+):
     main.add_command(command)

@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from oneform_warp.cli.options import FILE, settings_options
+from oneform_warp.cli.options import FILE, handles_options, settings_options
 from oneform_warp.cli.outputs import check_writable, write_json
 from oneform_warp.cli.recipe import read_recipe
 from oneform_warp.cli.settings import Settings, settings_from
-from oneform_warp.cli.specs import HandleSpec, parse_spec
+from oneform_warp.cli.specs import HandleSpec, specs_from
 from oneform_warp.cli.terminal import ProgressLine, Stopwatch, start_warp
 
 if TYPE_CHECKING:
@@ -33,10 +33,15 @@ SEL chooses vertices:
 SPEC is key=value,... of
   axis=z, axis=0:0:1      with angle: the axis of the rotation
   angle=720               degrees; 720 are two turns
-  rotation=0:0:3.14       a rotation vector in radians, or free
-  stretch=1.5             a factor > 0, or free
+  rotation=0:0:3.14       a rotation vector in radians, free, or fit (to targets)
+  stretch=1.5             a factor > 0, free, or three along x, y, z as 1:1:2
+  frame=0:0:0.5           a rotation vector that turns these directions
   name=NAME               for messages
   held                    stay in place
+  move=0:0:0.3            go there: a translation
+  pivot=centroid          go there: turn as a whole about a point, as 0:0:1
+  to=FILE                 go there: where a mesh file has the same vertices
+  weight=1, snap          be pulled there softly; end exactly there
 
 \b
 Example, a bar twisted by half a turn:
@@ -64,9 +69,7 @@ class Outputs:
 @click.command("deform", epilog=EPILOG)
 @click.argument("source", metavar="IN", type=FILE)
 @click.option("-o", "--out", type=FILE, metavar="OUT", help="Mesh to write; may be IN.")
-@click.option("--hold", multiple=True, metavar="SEL", help="Keep these vertices in place; repeatable.")
-@click.option("--handle", type=(str, str), multiple=True, metavar="SEL SPEC", help="Rotate or stretch; repeatable.")
-@click.option("--recipe", type=FILE, metavar="TOML", help="Handles and options from a file.")
+@handles_options
 @settings_options
 @click.option("--dry-run", is_flag=True, help="Check everything, say what each handle does, write nothing.")
 @click.option("--preview", type=FILE, metavar="PNG", help="Also a picture, before and after.")
@@ -94,7 +97,7 @@ def command(
         raise click.UsageError("Missing option '-o' / '--out'.")
     book = read_recipe(recipe)
     settings = settings_from(book.settings, given)
-    specs = [*book.handles, *_specs(hold, handle)]
+    specs = [*book.handles, *specs_from(hold, handle)]
     if not specs:
         raise click.UsageError("There is no handle. Give --hold, --handle or --recipe.")
     check_writable(out, preview, report)
@@ -110,12 +113,6 @@ def command(
     _write(plan, solution, Outputs(out, preview, report), watch, quiet=quiet)
     if not solution.converged:
         ctx.exit(NOT_CONVERGED)
-
-
-def _specs(hold: tuple[str, ...], handle: tuple[tuple[str, str], ...]) -> list[HandleSpec]:
-    """The handles of the command line."""
-    held = [HandleSpec(select, {"held": True}) for select in hold]
-    return held + [HandleSpec(select, parse_spec(spec, f"--handle {select!r}")) for select, spec in handle]
 
 
 def _plan(

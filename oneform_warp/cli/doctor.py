@@ -21,6 +21,7 @@ PACKAGES = {
     "trimesh": "trimesh",
     "matplotlib": "matplotlib",
     "polyscope": "polyscope",
+    "imageio-ffmpeg": "imageio-ffmpeg",
 }
 NEEDED = ("warp", "numpy", "scipy", "lark")
 

@@ -9,7 +9,7 @@ import click
 from oneform_warp.cli.settings import CHOICES, weld_length
 from oneform_warp.errors import InputError
 
-__all__ = ["FILE", "Weld", "settings_options"]
+__all__ = ["FILE", "Weld", "handles_options", "settings_options"]
 
 FILE = click.Path(path_type=Path)
 
@@ -26,6 +26,18 @@ class Weld(click.ParamType[Any]):
         except InputError as error:
             self.fail(f"{error.what}; {error.fix}", param, ctx)
         return value
+
+
+def handles_options(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Where handles come from."""
+    options = [
+        click.option("--hold", multiple=True, metavar="SEL", help="Keep these vertices in place; repeatable."),
+        click.option(
+            "--handle", type=(str, str), multiple=True, metavar="SEL SPEC", help="Rotate or stretch; repeatable."
+        ),
+        click.option("--recipe", type=FILE, metavar="TOML", help="Handles and options from a file."),
+    ]
+    return _with(options, function)
 
 
 def settings_options(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -45,9 +57,21 @@ def settings_options(function: Callable[..., Any]) -> Callable[..., Any]:
         click.option("--start", type=click.Choice(CHOICES["start"]), help="Where the solver starts.  [rest]"),
         click.option("--sweeps", type=click.IntRange(min=0), help="Spread handles by so many Jacobi sweeps."),
         click.option("--length", type=click.FloatRange(min=0.0, min_open=True), help="Spread handles over a length."),
+        click.option("--refine", type=click.IntRange(min=0), help="ARAP steps after the solve, 5 to 20.  [0]"),
+        click.option(
+            "--refine-tol", type=click.FloatRange(min=0.0), help="Least part of the energy that a step saves."
+        ),
+        click.option("--cells", type=click.Choice(CHOICES["cells"]), help="Of the ARAP energy.  [spokes_and_rims]"),
+        click.option(
+            "--smooth-rotations", type=click.FloatRange(min=0.0), help="Smooth-rotation ARAP, 0.01 to 0.1.  [0]"
+        ),
         click.option("--device", help="Warp device, as cpu or cuda:0.  [Warp's own choice]"),
         click.option("--backend", type=click.Choice(CHOICES["backend"]), help="Reader of mesh files.  [auto]"),
     ]
+    return _with(options, function)
+
+
+def _with(options: list[Callable[..., Any]], function: Callable[..., Any]) -> Callable[..., Any]:
     for option in reversed(options):
         function = option(function)
     return function

@@ -8,18 +8,23 @@ from typing import Any
 
 from oneform_warp.errors import FileError
 
-__all__ = ["check_writable", "write_json"]
+__all__ = ["check_places", "check_writable", "write_json"]
 
 
 def check_writable(out: Path | None, preview: Path | None, report: Path | None) -> None:
     """FileError where one of the files of `deform` could not be made; makes nothing."""
-    given = [path for path in (out, preview, report) if path is not None]
+    check_places(out, preview, report)
+    if preview is not None and preview.suffix.lower() != ".png":
+        raise FileError("a picture is a .png file", where=str(preview), fix="change the name")
+
+
+def check_places(*paths: Path | None) -> None:
+    """FileError where one of several files could not be made, or two are one; makes nothing."""
+    given = [path for path in paths if path is not None]
     for path in given:
         if [other.absolute() for other in given].count(path.absolute()) > 1:
             raise FileError("two files are to be written here", where=str(path), fix="give them different names")
         _check_place(path)
-    if preview is not None and preview.suffix.lower() != ".png":
-        raise FileError("a picture is a .png file", where=str(preview), fix="change the name")
 
 
 def _check_place(path: Path) -> None:

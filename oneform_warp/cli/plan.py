@@ -3,10 +3,12 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from oneform_warp.arap import Arap
 from oneform_warp.cli.mesh_facts import box_text
 from oneform_warp.cli.selections import select_vertices
 from oneform_warp.cli.settings import Settings, weld_length
@@ -15,13 +17,13 @@ from oneform_warp.deformation import Deformation
 from oneform_warp.deformer import Deformer
 from oneform_warp.errors import FileError
 from oneform_warp.fields import Smoothing
-from oneform_warp.filters import MeshFile
+from oneform_warp.filters import MeshFile, read_mesh
 from oneform_warp.filters.meshfile import WRITABLE
 from oneform_warp.graph import Graph
 from oneform_warp.handles import Handle
 from oneform_warp.solvers import Progress, solver_named
 
-__all__ = ["Plan", "handle_text", "make_plan"]
+__all__ = ["Plan", "check_faces", "make_deformer", "make_handles", "make_plan", "solve_options"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,10 +38,7 @@ class Plan:
 
     def solve(self, progress: Progress) -> Deformation:
         """The deformation."""
-        settings = self.settings
-        return self.deformer.solve(
-            self.handles, sweeps=settings.sweeps, length=settings.length, start=settings.start, progress=progress
-        )
+        return self.deformer.solve(self.handles, **solve_options(self.settings), progress=progress)
 
     def vertices(self, *, held: bool) -> NDArray[np.bool_]:
         """The vertices (V,) of the handles that hold, or of the others."""
@@ -51,17 +50,46 @@ class Plan:
         lines = []
         for spec, handle in zip(self.specs, self.handles, strict=True):
             points = self.mesh.positions[handle.vertices]
-            lines.append(f"{spec.name}: {len(points):,} vertices ({box_text(points)}), {handle_text(handle)}")
+            lines.append(f"{spec.name}: {len(points):,} vertices ({box_text(points)}), {handle.describe()}")
         return lines
 
 
 def make_plan(mesh: MeshFile, specs: Sequence[HandleSpec], settings: Settings, out: Path | None) -> Plan:
     """Checked selections, handles and options; InputError names the one that cannot be used. Warp is initialised."""
-    _check_faces(mesh)
+    check_faces(mesh)
     if out is not None:
         _check_format(mesh, out)
     Smoothing(settings.sweeps, settings.length)
-    handles = [Handle(select_vertices(spec, mesh), **{**spec.options, "name": spec.name}) for spec in specs]
+    handles = make_handles(mesh, specs)
+    deformer = make_deformer(mesh, settings)
+    deformer.check(handles)
+    return Plan(mesh, specs, handles, deformer, settings)
+
+
+def make_handles(mesh: MeshFile, specs: Sequence[HandleSpec]) -> list[Handle]:
+    """A handle for each specification; InputError for selections that mean no vertex."""
+    handles = []
+    for spec in specs:
+        vertices = select_vertices(spec, mesh)
+        options = {**spec.options, "name": spec.name}
+        if "to" in options:
+            options["to"] = _targets(mesh, spec)[vertices]
+        handles.append(Handle(vertices, **options))
+    return handles
+
+
+def _targets(mesh: MeshFile, spec: HandleSpec) -> NDArray[np.float64]:
+    """The positions (V, 3) in the file that a handle's `to` names."""
+    path = spec.folder / Path(spec.options["to"]).expanduser()
+    there = read_mesh(path)
+    if len(there.positions) != len(mesh.positions):
+        what = f"{len(there.positions)} vertices, the mesh has {len(mesh.positions)}"
+        raise FileError(what, where=str(path), fix="give the same mesh with other positions")
+    return np.asarray(there.positions, dtype=np.float64)
+
+
+def make_deformer(mesh: MeshFile, settings: Settings) -> Deformer:
+    """The mesh at rest, with the graph, weights and solver that the settings ask for."""
     graph = Graph.from_faces(
         mesh.positions,
         mesh.faces,
@@ -69,32 +97,17 @@ def make_plan(mesh: MeshFile, specs: Sequence[HandleSpec], settings: Settings, o
         weld=weld_length(settings.weld),
         device=settings.device,
     )
-    deformer = Deformer(mesh.positions, graph, solver=solver_named(settings.solver, graph, settings.solver_options))
-    deformer.check(handles)
-    return Plan(mesh, specs, handles, deformer, settings)
+    return Deformer(mesh.positions, graph, solver=solver_named(settings.solver, graph, settings.solver_options))
 
 
-def handle_text(handle: Handle) -> str:
-    """What a handle does, in words."""
-    if handle.held:
-        return "held in place"
-    turn = handle.rotation
-    if turn is None:
-        words = ["rotation free"]
-    elif not turn.any():
-        words = ["not rotated"]
-    else:
-        size = float(np.linalg.norm(turn))
-        axis = " ".join(f"{each + 0.0:.4g}" for each in turn / size)  # + 0.0 makes 0 of -0
-        words = [f"rotated by {np.degrees(size):.6g} degrees about ({axis})"]
-    if handle.stretch is None:
-        words.append("stretch free")
-    elif handle.stretch != 1.0:
-        words.append(f"stretched by {handle.stretch:.6g}")
-    return ", ".join(words)
+def solve_options(settings: Settings) -> dict[str, Any]:
+    """The options of `Deformer.solve`."""
+    arap = Arap(settings.refine, settings.refine_tol, settings.cells, settings.smooth_rotations)
+    return {"sweeps": settings.sweeps, "length": settings.length, "start": settings.start, "refine": arap}
 
 
-def _check_faces(mesh: MeshFile) -> None:
+def check_faces(mesh: MeshFile) -> None:
+    """FileError for a file of points."""
     faces = mesh.faces[0] if isinstance(mesh.faces, tuple) else mesh.faces
     if not len(faces):
         raise FileError(

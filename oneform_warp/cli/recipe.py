@@ -23,7 +23,9 @@ from oneform_warp.cli.settings import Settings, checked_setting
 from oneform_warp.cli.specs import READERS, HandleSpec, handle_options, unknown_name
 from oneform_warp.errors import FileError, InputError
 
-__all__ = ["Recipe", "read_recipe"]
+__all__ = ["OF_SEQUENCES", "Recipe", "handle_from", "load_tables", "read_recipe", "recipe_from"]
+
+OF_SEQUENCES = ("keyframes", "frames", "fps")
 
 
 @dataclass(frozen=True)
@@ -36,21 +38,28 @@ class Recipe:
 
 def read_recipe(path: Path | None) -> Recipe:
     """A recipe from its file; None is the empty one. InputError names the file and the key."""
-    if path is None:
-        return Recipe()
-    tables = _load(path)
+    return Recipe() if path is None else recipe_from(load_tables(path), path)
+
+
+def recipe_from(tables: dict[str, Any], path: Path) -> Recipe:
+    """The recipe that the tables of a file are."""
     handles = tables.pop("handles", [])
     if not isinstance(handles, list) or not all(isinstance(table, dict) for table in handles):
         raise InputError("handles are not tables", where=str(path), fix="write [[handles]] above each")
     known = [each.name for each in fields(Settings)]
     for key, value in tables.items():
+        if key in OF_SEQUENCES:
+            fix = "use `oneform-warp animate`"
+            raise InputError(f"{key} are those of a sequence", where=str(path), fix=fix)
         if key not in known:
             raise unknown_name("key", key, ["handles", *known], str(path))
         checked_setting(key, value, f"{path}: {key}")
-    return Recipe(tuple(_handle(table, path, number) for number, table in enumerate(handles)), tables)
+    specs = [handle_from(table, path, f"handles[{number}]") for number, table in enumerate(handles)]
+    return Recipe(tuple(specs), tables)
 
 
-def _load(path: Path) -> dict[str, Any]:
+def load_tables(path: Path) -> dict[str, Any]:
+    """The content of a TOML file; FileError where it is none."""
     import tomllib
 
     try:
@@ -61,10 +70,11 @@ def _load(path: Path) -> dict[str, Any]:
         raise FileError(f"this is not TOML: {error}", where=str(path), fix="see toml.io for the format") from None
 
 
-def _handle(table: dict[str, Any], path: Path, number: int) -> HandleSpec:
-    where = f"{path}: handles[{number}]"
+def handle_from(table: dict[str, Any], path: Path, place: str, select: str | None = None) -> HandleSpec:
+    """The handle of a table at a place of a recipe; select: what it selects where the table does not say."""
+    where = f"{path}: {place}"
     options = dict(table)
-    select = options.pop("select", None)
+    select = options.pop("select", select)
     for key in options:
         if key not in READERS:
             raise unknown_name("key", key, ["select", *READERS], where)

@@ -9,19 +9,19 @@ from typing import Any
 import numpy as np
 
 from oneform_warp import __version__
-from oneform_warp.cli.plan import Plan, handle_text
+from oneform_warp.cli.plan import Plan
 from oneform_warp.deformation import Deformation
+from oneform_warp.graph import Graph
 from oneform_warp.solvers.refinement import worst
 
 __all__ = ["mesh_line", "report_json", "report_lines"]
 
 
-def mesh_line(plan: Plan) -> str:
+def mesh_line(name: str, graph: Graph) -> str:
     """The mesh in one line."""
-    graph = plan.deformer.graph
     welded = graph.vertex_count - graph.node_count
     parts = [
-        f"{plan.mesh.path.name}: {graph.vertex_count:,} vertices",
+        f"{name}: {graph.vertex_count:,} vertices",
         *([f"{welded:,} of them welded"] if welded else []),
         f"{graph.edge_count:,} edges",
         f"{graph.component_count:,} component{'s' if graph.component_count > 1 else ''}",
@@ -35,7 +35,7 @@ def report_lines(plan: Plan, solution: Deformation, seconds: Mapping[str, float]
     ratio = worst(solution.residual, solution.goal)
     times = ", ".join(f"{stage} {value:.3f}" for stage, value in seconds.items())
     return [
-        mesh_line(plan),
+        mesh_line(plan.mesh.path.name, plan.deformer.graph),
         f"{solution.status.word} after {solution.iterations:,} iterations of {_solver(plan)} "
         f"(restarts: {solution.restarts}), residual {ratio:.3g} times its goal",
         f"energy {solution.energy:.6g}",
@@ -86,8 +86,8 @@ def _handle(plan: Plan, number: int) -> dict[str, Any]:
         "box": [points.min(axis=0).tolist(), points.max(axis=0).tolist()],
         "held": handle.held,
         "rotation": None if handle.rotation is None else handle.rotation.tolist(),
-        "stretch": handle.stretch,
-        "text": handle_text(handle),
+        "stretch": None if handle.stretch is None else np.asarray(handle.stretch).tolist(),
+        "text": handle.describe(),
     }
 
 

@@ -16,6 +16,7 @@ CHOICES = {
     "solver": ("auto", "cg", "cholmod", "cudss", "jacobi", "multigrid", "superlu"),
     "dtype": ("float32", "float64"),
     "start": ("rest", "previous", "min_depth", "maximal", "minimal", "zero"),
+    "cells": ("spokes_and_rims", "spokes"),
     "backend": ("auto", "pymeshlab", "trimesh"),
 }
 
@@ -33,6 +34,10 @@ class Settings:
     start: str = "rest"
     sweeps: int | None = None
     length: float | None = None
+    refine: int = 0
+    refine_tol: float = 0.0
+    cells: str = "spokes_and_rims"
+    smooth_rotations: float = 0.0
     device: str | None = None
     backend: str = "auto"
 
@@ -67,7 +72,7 @@ def checked_setting(key: str, value: Any, where: str) -> Any:
         if not isinstance(value, str):
             raise InputError(f"{value!r} is not a device", where=where, fix="give a text, as 'cpu' or 'cuda:0'")
     else:
-        whole = key in ("max_iterations", "sweeps")
+        whole = key in ("max_iterations", "refine", "sweeps")
         number = isinstance(value, int if whole else int | float) and not isinstance(value, bool)
         if not number or not math.isfinite(value) or value < 0 or (key == "length" and value == 0):
             fix = (

@@ -9,7 +9,7 @@ from typing import Any
 
 from oneform_warp.errors import InputError
 
-__all__ = ["HandleSpec", "handle_options", "parse_spec", "unknown_name"]
+__all__ = ["HandleSpec", "handle_options", "number_from", "parse_spec", "specs_from", "unknown_name"]
 
 
 @dataclass(frozen=True)
@@ -25,6 +25,12 @@ class HandleSpec:
     def name(self) -> str:
         """The given name, or the selection."""
         return str(self.options.get("name", self.select))
+
+
+def specs_from(hold: Iterable[str], handle: Iterable[tuple[str, str]]) -> list[HandleSpec]:
+    """The handles of the command line: selections to hold, and selections with what is asked of them."""
+    held = [HandleSpec(select, {"held": True}) for select in hold]
+    return held + [HandleSpec(select, parse_spec(spec, f"--handle {select!r}")) for select, spec in handle]
 
 
 def unknown_name(kind: str, name: str, known: Iterable[str], where: str) -> InputError:
@@ -45,7 +51,7 @@ def parse_spec(text: str, where: str) -> dict[str, Any]:
             raise InputError(f"the handle {text!r} has an empty part", where=where, fix="write key=value,key=value")
         if key in given:
             raise InputError(f"{key} is given twice", where=where, fix="give it once")
-        if not equals and key != "held" and key in (*READERS, *SHORT):
+        if not equals and key not in FLAGS and key in (*READERS, *SHORT):
             raise InputError(f"{key} has no value", where=where, fix=f"write {key}=...")
         given[key] = value if equals else True
     return handle_options(given, where)
@@ -64,7 +70,8 @@ def handle_options(given: Mapping[str, Any], where: str) -> dict[str, Any]:
     return options
 
 
-def _number(value: Any, where: str) -> float:
+def number_from(value: Any, where: str) -> float:
+    """A finite number; InputError where it is none."""
     try:
         number = math.nan if isinstance(value, bool) else float(value)
     except (TypeError, ValueError):
@@ -78,7 +85,7 @@ def _vector(value: Any, where: str, fix: str) -> tuple[float, ...]:
     parts = value.replace(":", " ").split() if isinstance(value, str) else value
     if not isinstance(parts, list) or len(parts) != 3:
         raise InputError(f"{value!r} is not three numbers", where=where, fix=fix)
-    return tuple(_number(part, where) for part in parts)
+    return tuple(number_from(part, where) for part in parts)
 
 
 def _axis(value: Any, where: str) -> str | tuple[float, ...]:
@@ -90,17 +97,44 @@ def _axis(value: Any, where: str) -> str | tuple[float, ...]:
     return axis
 
 
-def _rotation(value: Any, where: str) -> tuple[float, ...] | None:
-    return None if value == "free" else _vector(value, where, "give radians as 0:0:3.14, or free")
+def _rotation(value: Any, where: str) -> tuple[float, ...] | str | None:
+    if value in ("free", "fit"):
+        return None if value == "free" else "fit"
+    return _vector(value, where, "give radians as 0:0:3.14, free or fit")
 
 
-def _stretch(value: Any, where: str) -> float | None:
+def _stretch(value: Any, where: str) -> float | tuple[float, ...] | None:
     if value == "free":
         return None
-    factor = _number(value, where)
-    if factor <= 0.0:
-        raise InputError(f"the stretch is {factor:g}", where=where, fix="give a factor > 0, or free")
-    return factor
+    several = isinstance(value, list) or (isinstance(value, str) and ":" in value)
+    factors = _vector(value, where, "give 1:1:2") if several else (number_from(value, where),)
+    for factor in factors:
+        if factor <= 0.0:
+            raise InputError(f"the stretch is {factor:g}", where=where, fix="give a factor > 0, 1:1:2, or free")
+    return factors if several else factors[0]
+
+
+def _point(value: Any, where: str) -> tuple[float, ...]:
+    return _vector(value, where, "give three numbers as 0:0:1")
+
+
+def _pivot(value: Any, where: str) -> tuple[float, ...] | str:
+    return value if value == "centroid" else _vector(value, where, "give a point as 0:0:1, or centroid")
+
+
+def _weight(value: Any, where: str) -> float:
+    weight = number_from(value, where)
+    if weight <= 0.0:
+        raise InputError(
+            f"the weight is {weight:g}", where=where, fix="give a number > 0; without one places are exact"
+        )
+    return weight
+
+
+def _path(value: Any, where: str) -> str:
+    if not isinstance(value, str) or not value:
+        raise InputError(f"{value!r} is not a file", where=where, fix="give a mesh file with target positions")
+    return value
 
 
 def _name(value: Any, where: str) -> str:
@@ -119,10 +153,17 @@ def _flag(value: Any, where: str) -> bool:
 
 READERS: dict[str, Callable[[Any, str], Any]] = {
     "axis": _axis,
-    "angle": _number,
+    "angle": number_from,
     "rotation": _rotation,
     "stretch": _stretch,
     "name": _name,
+    "frame": _point,
     "held": _flag,
+    "to": _path,
+    "move": _point,
+    "pivot": _pivot,
+    "weight": _weight,
+    "snap": _flag,
 }
+FLAGS = ("held", "snap")
 SHORT = {"r": "rotation"}
