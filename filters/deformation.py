@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,12 +20,14 @@ from oneform_warp.weights import KINDS
 if TYPE_CHECKING:
     from oneform_warp.filters.meshset import MeshSet
 
-__all__ = ["DEFORMATION", "INTEGRATION", "RESET"]
+__all__ = ["DEFORMATION", "INTEGRATION", "REFINING", "RESET", "SOLVING", "moved", "settings_of"]
 
 SOLVING: tuple[Parameter, ...] = (
     Choice("weights", "cotangent", "Edge weights mu.", KINDS),
     Flag("weld", True, "Whether vertices at one position, or within welddistance, move as one."),
     Length("welddistance", "0%", "How near counts as one position; 0 means exactly equal."),
+    Number("t", 1.0, "How much of the way from the rest pose, 0..1: rotations, logs of stretches and moves are scaled.",
+           0.0, 1.0),
     Choice("start", "rest", "Where the solver starts.", tuple(STARTS)),
     Choice("solver", "auto", "What solves; 'auto' chooses by the size of the mesh.", SOLVERS),
     Number("tolerance", 0.0, "Relative residual to reach; 0 is the solver's own.", 0.0, 1.0),
@@ -52,7 +55,8 @@ SMOOTHING: tuple[Parameter, ...] = (
 )  # fmt: skip
 
 
-def _settings(values: dict[str, Any]) -> Settings:
+def settings_of(values: Mapping[str, Any]) -> Settings:
+    """The values of SOLVING and REFINING, and of SMOOTHING where a filter has it."""
     smoothing = values.get("smoothing", "harmonic")
     return Settings(
         weights=values["weights"],
@@ -60,6 +64,7 @@ def _settings(values: dict[str, Any]) -> Settings:
         sweeps=values["sweeps"] if smoothing == "sweeps" else None,
         length=values["length"] if smoothing == "length" else None,
         start=values["start"],
+        t=values["t"],
         refine=Arap(values["refine"], values["refinetolerance"], values["cells"], values["smoothrotations"]),
         solver=values["solver"],
         tol=values["tolerance"] or None,
@@ -73,7 +78,7 @@ def _deform(meshes: MeshSet, **values: Any) -> dict[str, Any]:
     placed = meshes.placed_handles()
     if not placed.handles:
         raise InputError("the mesh has no handles", where="handles", fix="apply set_oneform_handle first")
-    return _moved(meshes, placed, _settings(values), None)
+    return moved(meshes, placed, settings_of(values), None)
 
 
 def _integrate(meshes: MeshSet, *, rotation: str, stretch: str, **values: Any) -> dict[str, Any]:
@@ -87,10 +92,10 @@ def _integrate(meshes: MeshSet, *, rotation: str, stretch: str, **values: Any) -
     count = len(placed.rest)
     omega = meshes.vertex_attribute(rotation, columns=3) if rotation else np.zeros((count, 3))
     sigma = meshes.vertex_attribute(stretch, columns=1) if stretch else np.ones(count)
-    return _moved(meshes, placed, _settings(values), Fields(omega, sigma))
+    return moved(meshes, placed, settings_of(values), Fields(omega, sigma))
 
 
-def _moved(meshes: MeshSet, placed: HandleSet, settings: Settings, fields: Fields | None) -> dict[str, Any]:
+def moved(meshes: MeshSet, placed: HandleSet, settings: Settings, fields: Fields | None) -> dict[str, Any]:
     """Deforms, moves the mesh, and says how it went."""
     result = placed.deform(settings, fields)
     meshes.set_vertex_matrix(result.positions)

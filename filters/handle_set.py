@@ -11,12 +11,15 @@ from numpy.typing import NDArray
 
 from oneform_warp import solvers
 from oneform_warp.arap import Arap
+from oneform_warp.arrays import vertex_mask
+from oneform_warp.between import fields_at
 from oneform_warp.deformation import Deformation
 from oneform_warp.deformer import Deformer
 from oneform_warp.errors import InputError
 from oneform_warp.fields import Fields, smooth_fields
 from oneform_warp.graph import Graph
 from oneform_warp.handles import FIT, Handle
+from oneform_warp.sequences import Keyframes
 
 __all__ = ["SOLVERS", "HandleSet", "PlacedHandle", "Settings", "StaleHandles"]
 
@@ -36,6 +39,8 @@ class Settings:
     sweeps: int | None = None
     length: float | None = None
     start: str = "rest"
+    t: float = 1.0
+    """The part of the way from the rest pose."""
     refine: int | Arap = 0
     struts: float | None = None
     solver: str = "auto"
@@ -52,7 +57,7 @@ class Settings:
 
     def of_the_deformer(self) -> Settings:
         """What has to be equal for a deformer to be used again."""
-        return replace(self, sweeps=None, length=None, start="rest", refine=0)
+        return replace(self, sweeps=None, length=None, start="rest", t=1.0, refine=0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,10 +71,24 @@ class PlacedHandle:
     """Rotation vector in radians; FIT for the one that fits the targets; None where it is free."""
     stretch: float | tuple[float, ...] | None
     held: bool
-    frame: tuple[float, ...] | None = None
-    """For three factors: the rotation vector that turns x, y, z to their directions."""
+    frame: tuple[float, ...] | NDArray[np.float64] | None = None
+    """For three factors: their directions (3, 3), or the rotation vector that turns x, y, z to them."""
     place: Mapping[str, Any] = field(default_factory=dict)
     """What `Handle` takes about its place: to, move, pivot, weight, snap."""
+
+    @classmethod
+    def of(cls, handle: Handle, vertex_count: int) -> PlacedHandle:
+        """A handle with a name, on a mesh of so many vertices."""
+        place = {word: getattr(handle, word) for word in ("to", "move", "pivot", "weight", "snap")}
+        return cls(
+            name=str(handle.name),
+            weights=vertex_mask(handle.vertices, vertex_count),
+            rotation=FIT if handle.fitted else None if handle.rotation is None else tuple(handle.rotation.tolist()),
+            stretch=tuple(handle.stretch.tolist()) if isinstance(handle.stretch, np.ndarray) else handle.stretch,
+            held=handle.held,
+            frame=handle.frame,
+            place={word: value for word, value in place.items() if value is not None and value is not False},
+        )
 
     @property
     def painted(self) -> bool:
@@ -128,6 +147,8 @@ class HandleSet:
         self.result: Result | None = None
         self.changed_by: str | None = None
         """The native filter after which there were other vertices."""
+        self.foreseen: tuple[Settings, Result] | None = None
+        """What the next deformation with these settings gives, where it was found with those of other meshes."""
         self._deformer: tuple[Settings, Deformer] | None = None
 
     def place(self, handle: PlacedHandle) -> None:
@@ -167,13 +188,20 @@ class HandleSet:
 
     def deform(self, settings: Settings, fields: Fields | None = None) -> Result:
         """Deforms the rest pose; `fields` (per vertex) replace those of the handles, which then only hold."""
+        known, self.foreseen = self.foreseen, None
+        if known is not None and known[0] == settings and fields is None:
+            self.result = known[1]
+            return self.result
         deformer = self._deformer_for(settings)
         hard = [handle.hard() for handle in self.handles.values() if not handle.painted]
+        if settings.t < 1.0:
+            hard = Keyframes(deformer, hard).handles(settings.t)
+            fields = None if fields is None else fields_at(fields, settings.t)
         painted = [handle for handle in self.handles.values() if handle.painted]
         reach = {"sweeps": settings.sweeps, "length": settings.length}
         if painted and fields is None:
             smooth = smooth_fields(deformer.graph, hard, x=self.rest, solver=deformer.solver, **reach)  # type: ignore[arg-type]
-            fields = _with_paint(smooth, painted)
+            fields = _with_paint(smooth, painted, settings.t)
         if fields is not None:
             fixed = [handle for handle in hard if handle.placed]
             solution = deformer.solve(fixed, fields=fields, start=settings.start, refine=settings.refine)
@@ -195,10 +223,10 @@ class HandleSet:
         return self._deformer[1]
 
 
-def _with_paint(smooth: Fields, painted: list[PlacedHandle]) -> Fields:
-    """The smooth fields plus each painted handle's rotation and log stretch, times its weights."""
+def _with_paint(smooth: Fields, painted: list[PlacedHandle], t: float) -> Fields:
+    """The smooth fields plus each painted handle's rotation and log stretch, times its weights and t."""
     omega, log_sigma = np.array(smooth.omega), np.log(smooth.sigma)
     for handle in painted:
-        omega += handle.weights[:, None] * np.asarray(handle.rotation or (0.0, 0.0, 0.0))
-        log_sigma += handle.weights * np.log(handle.stretch or 1.0)
+        omega += t * handle.weights[:, None] * np.asarray(handle.rotation or (0.0, 0.0, 0.0))
+        log_sigma += t * handle.weights * np.log(handle.stretch or 1.0)
     return Fields(omega, np.exp(log_sigma))

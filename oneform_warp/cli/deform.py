@@ -71,6 +71,7 @@ class Outputs:
 @click.option("-o", "--out", type=FILE, metavar="OUT", help="Mesh to write; may be IN.")
 @handles_options
 @settings_options
+@click.option("--t", type=click.FloatRange(0.0, 1.0), default=1.0, help="How much of the way from the rest pose.  [1]")
 @click.option("--dry-run", is_flag=True, help="Check everything, say what each handle does, write nothing.")
 @click.option("--preview", type=FILE, metavar="PNG", help="Also a picture, before and after.")
 @click.option("--report", type=FILE, metavar="JSON", help="Also a report for programs.")
@@ -85,6 +86,7 @@ def command(
     hold: tuple[str, ...],
     handle: tuple[tuple[str, str], ...],
     recipe: Path | None,
+    t: float,
     dry_run: bool,
     preview: Path | None,
     report: Path | None,
@@ -102,7 +104,7 @@ def command(
         raise click.UsageError("There is no handle. Give --hold, --handle or --recipe.")
     check_writable(out, preview, report)
     watch = Stopwatch()
-    plan = _plan(source, specs, settings, out, watch, verbose=verbose)
+    plan = _plan(source, specs, settings, out, watch, t=t, verbose=verbose)
     if dry_run or verbose:
         click.echo("\n".join(plan.lines()))
     if dry_run or out is None:
@@ -122,6 +124,7 @@ def _plan(
     out: Path | None,
     watch: Stopwatch,
     *,
+    t: float,
     verbose: bool,
 ) -> "Plan":
     """Read the mesh, start Warp, and check everything else."""
@@ -133,7 +136,7 @@ def _plan(
     from oneform_warp.cli.plan import make_plan
 
     watch.stop("warp")
-    plan = make_plan(mesh, specs, settings, out)
+    plan = make_plan(mesh, specs, settings, out, t)
     watch.stop("graph")
     return plan
 

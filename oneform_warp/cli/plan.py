@@ -21,6 +21,7 @@ from oneform_warp.filters import MeshFile, read_mesh
 from oneform_warp.filters.meshfile import WRITABLE
 from oneform_warp.graph import Graph
 from oneform_warp.handles import Handle
+from oneform_warp.sequences import Keyframes
 from oneform_warp.solvers import Progress, solver_named
 
 __all__ = ["Plan", "check_faces", "make_deformer", "make_handles", "make_plan", "solve_options"]
@@ -35,10 +36,13 @@ class Plan:
     handles: Sequence[Handle]
     deformer: Deformer
     settings: Settings
+    t: float = 1.0
+    """How much of the way from the rest pose."""
 
     def solve(self, progress: Progress) -> Deformation:
         """The deformation."""
-        return self.deformer.solve(self.handles, **solve_options(self.settings), progress=progress)
+        handles = Keyframes(self.deformer, self.handles).handles(self.t)
+        return self.deformer.solve(handles, **solve_options(self.settings), progress=progress)
 
     def vertices(self, *, held: bool) -> NDArray[np.bool_]:
         """The vertices (V,) of the handles that hold, or of the others."""
@@ -54,7 +58,9 @@ class Plan:
         return lines
 
 
-def make_plan(mesh: MeshFile, specs: Sequence[HandleSpec], settings: Settings, out: Path | None) -> Plan:
+def make_plan(
+    mesh: MeshFile, specs: Sequence[HandleSpec], settings: Settings, out: Path | None, t: float = 1.0
+) -> Plan:
     """Checked selections, handles and options; InputError names the one that cannot be used. Warp is initialised."""
     check_faces(mesh)
     if out is not None:
@@ -63,7 +69,7 @@ def make_plan(mesh: MeshFile, specs: Sequence[HandleSpec], settings: Settings, o
     handles = make_handles(mesh, specs)
     deformer = make_deformer(mesh, settings)
     deformer.check(handles)
-    return Plan(mesh, specs, handles, deformer, settings)
+    return Plan(mesh, specs, handles, deformer, settings, t)
 
 
 def make_handles(mesh: MeshFile, specs: Sequence[HandleSpec]) -> list[Handle]:
