@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from oneform_warp.assembly import listed_edges
 from oneform_warp.graph import Graph
 from oneform_warp.segments import Segments
+from oneform_warp.sorting import row_offsets, sort_by_key
 from oneform_warp.weights import COTANGENT_RANGE
 
 __all__ = ["Cells", "edge_cells", "face_cells"]
@@ -66,44 +67,37 @@ class Cells:
         weight: NDArray[np.float64],
     ) -> Cells:
         """sizes: corners of each cell; corners, edge (~e against it) and weight: one for each corner."""
-        corners, edge, weight, sizes = _along_the_nodes(sizes, corners, edge, weight)
-        own = np.maximum(edge, ~edge)
-        around, around_offsets = _grouped(corners, graph.node_count)
-        along, along_offsets = _grouped(own, graph.edge_count)
-        rings = np.concatenate([[0], np.cumsum(sizes)])
 
         def upload(values: NDArray[np.int64]) -> wp.array[wp.int32]:
             return wp.array(values.astype(np.int32), dtype=wp.int32, device=graph.device)
 
+        begins = np.cumsum(sizes) - sizes
+        # In the order of their first nodes neighbours are close in memory.
+        first = np.minimum.reduceat(corners, begins) if len(sizes) else begins
+        order = sort_by_key(upload(first))[1].numpy().astype(np.int64)
+        sizes = sizes[order]
+        at = np.repeat(begins[order] - (np.cumsum(sizes) - sizes), sizes) + np.arange(len(corners))
+        ring = upload(corners[at])
+        around_offsets, around = _grouped(ring, graph.node_count)
+        along_offsets, along = _grouped(upload(np.maximum(edge, ~edge)[at]), graph.edge_count)
         return cls(
             graph,
-            upload(rings),
-            upload(corners),
-            upload(edge),
-            wp.array(weight, dtype=wp.float64, device=graph.device),
-            upload(around_offsets),
-            upload(around),
+            upload(np.concatenate([[0], np.cumsum(sizes)])),
+            ring,
+            upload(edge[at]),
+            wp.array(weight[at], dtype=wp.float64, device=graph.device),
+            around_offsets,
+            around,
             upload(np.repeat(np.arange(len(sizes)), sizes)),
-            upload(along_offsets),
-            upload(along),
+            along_offsets,
+            along,
         )
 
 
-def _along_the_nodes(
-    sizes: NDArray[np.int64], corners: NDArray[np.int64], edge: NDArray[np.int64], weight: NDArray[np.float64]
-) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64], NDArray[np.int64]]:
-    """The cells in the order of their first nodes, which keeps neighbours close in memory."""
-    begins = np.cumsum(sizes) - sizes
-    order = np.argsort(np.minimum.reduceat(corners, begins), kind="stable") if len(sizes) else np.arange(0)
-    sizes = sizes[order]
-    at = np.repeat(begins[order] - (np.cumsum(sizes) - sizes), sizes) + np.arange(len(corners))
-    return corners[at], edge[at], weight[at], sizes
-
-
-def _grouped(keys: NDArray[np.int64], count: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """The positions of each key together, and where each key's begin."""
-    order = np.argsort(keys, kind="stable")
-    return order, np.concatenate([[0], np.cumsum(np.bincount(keys, minlength=count))])
+def _grouped(keys: wp.array[wp.int32], count: int) -> tuple[wp.array[wp.int32], wp.array[wp.int32]]:
+    """Where the places of each key begin, (count + 1,), and the places, those of one key together."""
+    ordered, places = sort_by_key(keys)
+    return row_offsets(ordered, count), places
 
 
 def edge_cells(graph: Graph) -> Cells:
