@@ -190,7 +190,7 @@ def _global_step(energy: CellEnergy, state: State, fit: Fit) -> wp.array[wp.vec3
     goals = state.system.goals
     goals.set([energy.square, energy.square, energy.none], REDUCTION)
     goals.take_aim(state.inner.floor)
-    return corrected(state.system.graph, fit.x, state.inner.correct(fit.r, INNER_ITERATIONS, None))
+    return state.held(corrected(state.system.graph, fit.x, state.inner.correct(fit.r, INNER_ITERATIONS, None)))
 
 
 @wp.kernel(enable_backward=False)

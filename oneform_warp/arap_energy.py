@@ -17,7 +17,7 @@ from oneform_warp.forms import form_size
 from oneform_warp.procrustes import nearest_rotation
 from oneform_warp.segments import launch_chunks
 from oneform_warp.smoothness import Smoothness
-from oneform_warp.solvers.system import System
+from oneform_warp.solvers import State
 
 __all__ = ["CellEnergy", "Fit"]
 
@@ -211,6 +211,21 @@ def _form(
     v_out[e] = d + (wp.float64(1.0) / mu[e]) * (wanted - total * d)
 
 
+@wp.kernel(enable_backward=False)
+def _squares(
+    chunk_offsets: wp.array[wp.int32],
+    # In:
+    r: wp.array[wp.vec3d],
+    # Out:
+    square_out: wp.array[wp.vec3d],
+):
+    chunk, lane = wp.tid()
+    square = wp.vec3d()
+    for i in range(chunk_offsets[chunk] + lane, chunk_offsets[chunk + 1], wp.block_dim()):
+        square += wp.cw_mul(r[i], r[i])
+    wp.tile_store(square_out, wp.tile_sum(wp.tile(square, preserve_type=True)), offset=chunk)
+
+
 @dataclass(frozen=True, eq=False)
 class Fit:
     """Positions with the rotations that fit them best."""
@@ -223,13 +238,13 @@ class Fit:
 
 
 class CellEnergy:
-    """E(x) on cells with rest edges s, plus sum w_i |x_i - t_i|^2 of the attached nodes."""
+    """E(x) on cells with rest edges s, plus what pulls softly: sum w_i |x_i - t_i|^2 of attached nodes, constraints."""
 
     def __init__(
         self,
         cells: Cells,
         form: wp.array[wp.vec3d],
-        system: System,
+        state: State,
         target: wp.array[wp.vec3d],
         given: wp.array[wp.int32],
         *,
@@ -240,7 +255,7 @@ class CellEnergy:
         are not to change, (n,). planar: D = 2.
         """
         self.given, self.planar = given, planar
-        self.cells, self.system, self.target, self.smoothness = cells, system, target, smoothness
+        self.cells, self.state, self.target, self.smoothness = cells, state, target, smoothness
         corners, device = cells.corners.shape[0], cells.graph.device
         self.s = wp.empty(corners, dtype=wp.vec3d, device=device)
         wp.launch(_on_corners, dim=corners, inputs=[cells.edge, form], outputs=[self.s], device=device)
@@ -276,7 +291,7 @@ class CellEnergy:
         inputs = [cells.offsets, cells.corners, cells.weight, self.s, x, rotation]
         launch_chunks(_pulls, cells.segments, inputs, [self._pull, self._energies])
         r = wp.empty_like(x)
-        system = self.system
+        system = self.state.system
         launch_chunks(
             _residual,
             graph.segments,
@@ -291,6 +306,10 @@ class CellEnergy:
             energy += float(self._attached.numpy()[:, 0].sum())
         if self.smoothness is not None:
             energy += self.smoothness.energy(rotation)
+        if self.state.pulls:
+            energy += self.state.soft_energy(x)
+            self.state.add_soft_pull(x, r)
+            launch_chunks(_squares, graph.segments, [r], [self.square])
         return Fit(x, rotation, r, energy)
 
     def form(self, fit: Fit) -> wp.array[wp.vec3d]:

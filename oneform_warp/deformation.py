@@ -13,6 +13,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from oneform_warp.arap import Refined, nearest_vectors
+from oneform_warp.equations import constraint_notes, misfits
 from oneform_warp.fields import Fields, NodeFields
 from oneform_warp.forms import node_energy
 from oneform_warp.graph import Graph
@@ -21,6 +22,7 @@ from oneform_warp.notes import bare_notes, field_notes, is_misfit, misfit_notes,
 from oneform_warp.places import Places
 from oneform_warp.rest import Rest
 from oneform_warp.solvers import Solution, Status
+from oneform_warp.solvers.constrained import ConstrainedSolution, Equations
 
 __all__ = ["Deformation", "Stages"]
 
@@ -68,6 +70,7 @@ class Deformation:
     _grip: Grip | None
     """None where painted fields take the place of handles."""
     _places: Places | None
+    _equations: Equations | None
     _predict: Callable[[], tuple[wp.array[wp.vec3d], NDArray[np.bool_]]]
     _nodes: NodeFields
     _form: wp.array[wp.vec3d]
@@ -152,7 +155,16 @@ class Deformation:
         asked = self.refined is None and self._places is not None  # refining asks the targets for the rotations
         if asked and self._grip is not None and is_misfit(*self._energy):
             notes += place_notes(self._grip, self.misses, self._rest.diagonal)
+        if self._equations is not None and isinstance(self.solution, ConstrainedSolution):
+            notes += constraint_notes(self._equations, self.solution)
         return (*notes, *misfit_notes(*self._energy))
+
+    @property
+    def misfits(self) -> dict[str, float]:
+        """The largest |C x - d| of each constraint, by name, in the unit of x."""
+        if self._equations is None or not isinstance(self.solution, ConstrainedSolution):
+            return {}
+        return misfits(self._equations, self.solution, self._rest)
 
     @cached_property
     def misses(self) -> dict[int, float]:
@@ -182,8 +194,13 @@ class Deformation:
 
     @property
     def sigma(self) -> Any:
-        """The stretches, (V,)."""
+        """The stretches, (V,); of those with directions the geometric mean of the factors."""
         return self.fields.sigma
+
+    @property
+    def stretch(self) -> Any:
+        """The stretches as tensors S with v = R(omega) S dx, (V, D, D); None where no handle has three factors."""
+        return self.fields.stretch
 
     @cached_property
     def v(self) -> NDArray[np.float64]:

@@ -10,39 +10,28 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from oneform_warp.arap import Arap, Refined, alternate, field_rotations
-from oneform_warp.arap_energy import CellEnergy
+from oneform_warp.arap import Arap
 from oneform_warp.arrays import Rows, read_rows
-from oneform_warp.cells import Cells
 from oneform_warp.centroids import keep_centroids
+from oneform_warp.constraints import Constraint
 from oneform_warp.deformation import Deformation, Stages
+from oneform_warp.equations import equations
 from oneform_warp.errors import InputError, NotConverged, OneFormWarning
-from oneform_warp.fields import Fields, NodeFields, Smoothing, node_fields
-from oneform_warp.forms import node_transformed_differential
+from oneform_warp.falloff import Falloff, read_falloff
+from oneform_warp.fields import Fields, NodeFields, node_fields
 from oneform_warp.graph import Graph
 from oneform_warp.grip import Grip
 from oneform_warp.handles import Handle
-from oneform_warp.places import Places, fitted, reference_nodes
+from oneform_warp.places import Places, fitted, placed, reference_nodes
+from oneform_warp.refiner import Refiner
 from oneform_warp.rest import Rest
-from oneform_warp.smoothness import Smoothness
-from oneform_warp.solvers import Progress, Solver, State, States, default_solver
+from oneform_warp.solvers import Progress, Solver, States, default_solver
+from oneform_warp.solvers.constrained import Constrained, Equations
 from oneform_warp.starts import Problem, Start, read_start
+from oneform_warp.struts import struts as inner_edges
 from oneform_warp.weights import Weights
 
 __all__ = ["Deformer", "deform"]
-
-
-@wp.kernel(enable_backward=False)
-def _keep_fixed(
-    # In:
-    fixed: wp.array[wp.int32],
-    rest: wp.array[wp.vec3d],
-    # Out:
-    x_out: wp.array[wp.vec3d],
-):
-    i = wp.tid()
-    if fixed[i] != 0:
-        x_out[i] = rest[i]
 
 
 class Deformer:
@@ -51,7 +40,8 @@ class Deformer:
     Graph and weights are made once; a new set of handle vertices prepares the solver, new rotations prepare nothing.
 
     x: rest positions (V, D), any unit, NumPy or Warp. faces: (F, k) array, list of polygons, (indices, offsets), or a
-    Graph. weights, weld, extra_edges, device: see `Graph.from_faces`. solver: default by size, see
+    Graph. weights, weld, extra_edges, device: see `Graph.from_faces`. struts: strength of edges through the inside of
+    closed parts, which keep their volume, 1.0 to begin with; None for none. solver: default by size, see
     `solvers.default_solver`.
     """
 
@@ -63,7 +53,8 @@ class Deformer:
         weights: Weights = "cotangent",
         weld: float | None = 0.0,
         extra_edges: Any = None,
-        extra_weight: float = 1.0,
+        extra_weight: Any = 1.0,
+        struts: float | None = None,
         solver: Solver | None = None,
         device: Any = None,
     ) -> None:
@@ -72,8 +63,15 @@ class Deformer:
         # A graph comes with its own weights, which another rest pose then keeps.
         self.weights: Weights = None if isinstance(faces, Graph) else weights
         if isinstance(faces, Graph):
+            if struts is not None:
+                raise InputError(
+                    "a graph has its edges", where="struts", fix="give faces, or make the graph with struts(x, faces)"
+                )
             self.graph = faces
         else:
+            if struts is not None:
+                inside = inner_edges(rows.data, faces, weld=weld, device=where)
+                extra_edges, extra_weight = inside.beside(struts, extra_edges, extra_weight)
             self.graph = Graph.from_faces(
                 rows.data,
                 faces,
@@ -107,7 +105,8 @@ class Deformer:
         self._rest = Rest(rows, self.graph)
         self._previous: wp.array[wp.vec3d] | None = None
         self._grip: Grip | None = None
-        self._cells: dict[str, Cells] = {}
+        self._held: tuple[tuple[Constraint, ...], Equations, States] | None = None
+        self._refiner = Refiner(self._rest)
         self._states = States(self._solver, self.graph)
 
     def deform(self, handles: Sequence[Handle] = (), **options: Any) -> Any:
@@ -129,6 +128,8 @@ class Deformer:
         fields: Fields | None = None,
         sweeps: int | None = None,
         length: float | None = None,
+        falloff: Falloff | None = None,
+        constraints: Sequence[Constraint] = (),
         refine: int | Arap = 0,
         start: Start = "rest",
         progress: Progress | None = None,
@@ -136,9 +137,10 @@ class Deformer:
         """Fields from handles, v_ij = sigma_ij R(omega_ij) dx_ij, and min sum mu_ij |x_j - x_i - v_ij|^2.
 
         fields: painted omega and sigma per vertex; handles then only hold. sweeps, length: how far handles reach,
-        see `Smoothing`; default the harmonic limit. start: "rest", "previous", "min_depth", "maximal", "minimal",
-        "zero", or positions (V, D); "previous" is the last solution of this Deformer. refine: ARAP steps
-        after the solve, or an `Arap`.
+        see `Smoothing`; default the harmonic limit. falloff: another one, as Biharmonic() or Geodesic(radius). start:
+        "rest", "previous", "min_depth", "maximal", "minimal", "zero", or positions (V, D); "previous" is the last
+        solution of this Deformer. constraints: linear ones, see `constraints`. refine: ARAP steps after the solve, or
+        an `Arap`.
         A component with nothing held keeps its centroid. Raises InputError before anything is solved.
         """
         graph, rest = self.graph, self._rest
@@ -148,30 +150,32 @@ class Deformer:
         grip = self._grip_of(handles)
         places = Places.of(grip, handles, rest)
         make_start = read_start(start, graph, rest.dimension, rest.inside)
-        nodes = self._fields(grip, handles, fields, Smoothing(sweeps, length))
+        nodes = self._fields(grip, handles, fields, read_falloff(falloff, sweeps, length))
         stages.stop("fields")
-        v = node_transformed_differential(graph, rest.x, nodes.omega, nodes.sigma)
+        v = nodes.form(graph, rest.x)
         stages.stop("1-form")
-        begin = self._placed(make_start(Problem(graph, rest.x, v, self._previous)), grip, places)
+        begin = placed(make_start(Problem(graph, rest.x, v, self._previous)), grip, places, rest)
         stages.stop("start")
-        state = self._states.of(grip.pinned, grip.attachment)
+        states = self._states_under(constraints)
+        state = states.of(grip.pinned, grip.attachment)
         stages.stop("prepare")
-        target = begin if grip.attachment is None else self._placed(rest.x, grip, places)
-        solution = self._solver.solve(state, v, begin, target=target, progress=progress)
+        target = begin if grip.attachment is None else placed(rest.x, grip, places, rest)
+        solution = states.solver.solve(state, v, begin, target=target, progress=progress)
         refined, v_of_fields = None, v
         if arap.steps:
             stages.stop("solve")
-            refined = self._refined(arap, grip, state, solution.x, v, nodes, target)
+            refined = self._refiner.refined(arap, grip, state, solution.x, v, nodes, target)
             v = refined.v
             stages.stop("refine")
-            solution = self._solver.solve(state, v, refined.x, target=target, progress=progress)
-        keep_centroids(graph, state.system.floating, solution.x, rest.x)
+            solution = states.solver.solve(state, v, refined.x, target=target, progress=progress)
+        keep_centroids(graph, state.floating, solution.x, rest.x)
         self._previous = solution.x
         stages.stop("solve")
         return Deformation(
             solution=solution,
             _grip=grip if fields is None else None,
             _places=places,
+            _equations=self._held[1] if constraints else None,
             _predict=lambda: self._predicted(grip, v_of_fields, begin),
             _nodes=nodes,
             _form=v,
@@ -181,36 +185,6 @@ class Deformer:
             _stages=stages,
         )
 
-    def _refined(
-        self,
-        arap: Arap,
-        grip: Grip,
-        state: State,
-        x: wp.array[wp.vec3d],
-        v: wp.array[wp.vec3d],
-        nodes: NodeFields,
-        target: wp.array[wp.vec3d],
-    ) -> Refined:
-        """ARAP from the solution x (n,) for the 1-form v (m,) of the fields; the cells stay for the next time."""
-        graph, rest = self.graph, self._rest
-        if rest.dimension == 1:
-            raise InputError("a line has no rotations to refine", where="refine", fix="use refine=0")
-        if arap.cells not in self._cells:
-            self._cells[arap.cells] = arap.cells_of(graph, rest.x)
-        still = wp.zeros_like(nodes.omega)
-        form = node_transformed_differential(graph, rest.x, still, nodes.sigma)
-        smoothness = Smoothness.of(graph, form, arap.smooth) if arap.smooth else None
-        energy = CellEnergy(
-            self._cells[arap.cells],
-            form,
-            state.system,
-            target,
-            grip.turned_alone,
-            planar=rest.dimension == 2,
-            smoothness=smoothness,
-        )
-        return alternate(energy, state, x, v, field_rotations(nodes.omega), arap)
-
     def _predicted(
         self, grip: Grip, v: wp.array[wp.vec3d], begin: wp.array[wp.vec3d]
     ) -> tuple[wp.array[wp.vec3d], NDArray[np.bool_]]:
@@ -219,6 +193,16 @@ class Deformer:
         state = self._solver.prepare(self.graph, given)
         return self._solver.solve(state, v, begin).x, given
 
+    def _states_under(self, constraints: Sequence[Constraint]) -> States:
+        """What is prepared under these constraints; the same ones again find it prepared."""
+        if not constraints:
+            return self._states
+        # A Constraint is compared by identity.
+        if self._held is None or self._held[0] != tuple(constraints):
+            made = equations(constraints, self._rest)
+            self._held = tuple(constraints), made, States(Constrained(self._solver, made, self._rest.x), self.graph)
+        return self._held[2]
+
     def check(self, handles: Sequence[Handle]) -> None:
         """InputError for handles that are empty, contradict each other or do what D cannot; nothing is solved."""
         handles = fitted(handles, self._rest)
@@ -226,6 +210,7 @@ class Deformer:
         Places.of(grip, handles, self._rest)
         grip.rotations(handles, self._rest.dimension)
         grip.log_stretches(handles)
+        grip.log_tensors(handles, self._rest.dimension)
 
     def _grip_of(self, handles: Sequence[Handle]) -> Grip:
         """Made anew only where handles take hold of other vertices than the last time."""
@@ -233,16 +218,13 @@ class Deformer:
             self._grip = Grip.of(self.graph, handles)
         return self._grip
 
-    def _fields(self, grip: Grip, handles: Sequence[Handle], fields: Fields | None, smoothing: Smoothing) -> NodeFields:
+    def _fields(self, grip: Grip, handles: Sequence[Handle], fields: Fields | None, falloff: Falloff) -> NodeFields:
         if fields is None:
-            scaled = smoothing
-            if smoothing.length is not None:
-                scaled = Smoothing(length=smoothing.length / self._rest.scale)
             return node_fields(
                 grip,
                 handles,
                 dimension=self._rest.dimension,
-                smoothing=scaled,
+                falloff=falloff.scaled(self._rest.scale),
                 x=self._rest.x,
                 states=self._states,
             )
@@ -255,17 +237,6 @@ class Deformer:
                 )
         return NodeFields.of(self.graph, fields, self._rest.dimension)
 
-    def _placed(self, begin: wp.array[wp.vec3d], grip: Grip, places: Places | None) -> wp.array[wp.vec3d]:
-        """A start with what must not move at rest, pinned nodes and those without an edge, and the others put."""
-        if begin is self._rest.x and places is None:
-            return begin
-        x = wp.clone(begin)
-        inputs = [grip.fixed_on_device, self._rest.x]
-        wp.launch(_keep_fixed, dim=x.shape[0], inputs=inputs, outputs=[x], device=self.graph.device)
-        if places is not None:
-            places.put(x, self._rest)
-        return x
-
 
 def deform(
     x: Any,
@@ -275,14 +246,15 @@ def deform(
     weights: Weights = "cotangent",
     weld: float | None = 0.0,
     extra_edges: Any = None,
-    extra_weight: float = 1.0,
+    extra_weight: Any = 1.0,
+    struts: float | None = None,
     solver: Solver | None = None,
     device: Any = None,
     **options: Any,
 ) -> Any:
     """The new positions of x under handles: Deformer(x, faces, ...).deform(handles, ...), once.
 
-    x: (V, D); faces: as for `Deformer`; options: fields, sweeps, length, start, progress as for `Deformer.solve`.
+    x: (V, D); faces: as for `Deformer`; options: fields, sweeps, length, start, ... as for `Deformer.solve`.
     -> shape, dtype and kind of array of x. See Also: Deformer, for many deformations of one mesh.
     """
     deformer = Deformer(
@@ -292,6 +264,7 @@ def deform(
         weld=weld,
         extra_edges=extra_edges,
         extra_weight=extra_weight,
+        struts=struts,
         solver=solver,
         device=device,
     )

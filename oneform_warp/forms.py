@@ -21,6 +21,7 @@ __all__ = [
     "edge_energy",
     "energy",
     "transform",
+    "vertex_areas",
 ]
 
 
@@ -201,6 +202,33 @@ def read_fields(
         vertex = int(np.argmin(stretch > 0.0))
         raise InputError(f"sigma is {stretch[vertex]} at vertex {vertex}", where="sigma", fix="stretch is > 0")
     return vectors, stretch
+
+
+@wp.kernel(enable_backward=False)
+def _areas(
+    # Graph:
+    offsets: wp.array[wp.int32],
+    neighbours: wp.array[wp.int32],
+    incident: wp.array[wp.int32],
+    mu: wp.array[wp.float64],
+    # In:
+    x: wp.array[wp.vec3d],
+    # Out:
+    area_out: wp.array[wp.float64],
+):
+    i = wp.tid()
+    area = wp.float64(0.0)
+    for h in range(offsets[i], offsets[i + 1]):
+        area += mu[wp.max(incident[h], ~incident[h])] * wp.length_sq(x[neighbours[h]] - x[i])
+    area_out[i] = area / wp.float64(4.0)
+
+
+def vertex_areas(graph: Graph, x: wp.array[wp.vec3d]) -> NDArray[np.float64]:
+    """a_i = 1/4 sum_j mu_ij |x_j - x_i|^2 per node: the Voronoi area where mu are cotangents."""
+    area = wp.empty(graph.node_count, dtype=wp.float64, device=graph.device)
+    inputs = [graph.offsets, graph.neighbours, graph.incident, graph.mu, x]
+    wp.launch(_areas, dim=graph.node_count, inputs=inputs, outputs=[area], device=graph.device)
+    return area.numpy()
 
 
 @wp.kernel(enable_backward=False)

@@ -16,7 +16,7 @@ from oneform_warp.assembly import Assembly, assemble, gather, listed_edges, on_c
 from oneform_warp.errors import InputError
 from oneform_warp.incidence import UniqueEdges
 from oneform_warp.intake import faces_on, positions_on
-from oneform_warp.order import along_a_curve, as_numbered, by_breadth
+from oneform_warp.order import Boxes, along_a_curve, as_numbered, by_breadth
 from oneform_warp.polygons import Faces
 from oneform_warp.segments import Segments, largest
 from oneform_warp.weights import (
@@ -56,7 +56,7 @@ class Graph(Assembly):
         weights: Weights = "cotangent",
         weld: float | None = 0.0,
         extra_edges: Any = None,
-        extra_weight: float = 1.0,
+        extra_weight: Any = 1.0,
         mesh_of: Any = None,
         device: Any = None,
     ) -> Graph:
@@ -64,15 +64,18 @@ class Graph(Assembly):
 
         x: (V, D); faces: (F, k) array, list of polygons, or (indices, offsets), n-gons welcome. weights: "cotangent",
         "uniform", "inverse_length". weld: join vertices at equal positions (0.0), within a length, or never (None).
-        extra_edges: (k, 2) vertex numbers, each of weight extra_weight on top. mesh_of: the number of each
-        vertex's mesh, (V,): meshes are not welded to each other. device: None for Warp's current one.
+        extra_edges: (k, 2) vertex numbers, on top; extra_weight: their mu, one number or (k,). mesh_of: the number of
+        each vertex's mesh, (V,) non-decreasing: meshes are not welded to each other, and the nodes of each stand in
+        the order that they have alone. device: None for Warp's current one.
         """
         device = wp.get_device(device)
         positions, low, high = positions_on(x, device)
         count = positions.shape[0]
         polygons = faces_on(faces, count, device)
         extra = read_pairs(extra_edges, count, "extra_edges")
-        extra_mu = check_weights(np.full(len(extra), float(extra_weight)), len(extra), "extra_weight")
+        extra_mu = np.asarray(extra_weight, dtype=np.float64)
+        extra_mu = np.full(len(extra), extra_mu) if extra_mu.ndim == 0 else extra_mu
+        extra_mu = check_weights(extra_mu, len(extra), "extra_weight")
         if not isinstance(weights, str):
             raise InputError(
                 "values per edge need the edges first",
@@ -80,13 +83,20 @@ class Graph(Assembly):
                 fix="make the graph by a kind of weights, look at graph.edges, and use graph.with_weights(values)",
             )
         kind_named(weights, faces=True)
-        meshes: Any = None if mesh_of is None else wp.array(np.asarray(mesh_of), dtype=wp.int32, device=device)
-        groups = weld_positions(positions, weld, meshes)
+        boxes = Boxes(low[None], high[None], wp.zeros(0, dtype=wp.int32, device=device))
+        if mesh_of is not None:
+            meshes = np.asarray(mesh_of, dtype=np.int32)
+            if meshes.shape != (count,) or (np.diff(meshes, prepend=0) < 0).any():
+                raise InputError(f"mesh_of is {meshes.shape}", where="mesh_of", fix="give (V,) numbers, ascending")
+            boxes = Boxes.of(positions.numpy(), meshes, device)
+        groups = weld_positions(positions, weld, None if mesh_of is None else boxes.mesh)
         pairs = on_corners(polygons, extra, groups, device)
 
         def closeness(edges: UniqueEdges, count: int) -> wp.array[wp.int32]:
             # Breadth-first rings stream through a CPU's caches, a product takes 3/4 of the time; the GPU has no host.
-            return along_a_curve(positions, groups.first, (low, high)) if device.is_cuda else by_breadth(edges, count)
+            if device.is_cuda:
+                return along_a_curve(positions, groups.first, boxes)
+            return by_breadth(edges, count, None if mesh_of is None else boxes.mesh.numpy()[groups.first.numpy()])
 
         made = assemble(groups, pairs, closeness)
         listed_mu: Any = wp.array(extra_mu, dtype=wp.float64, device=device) if len(extra) else None

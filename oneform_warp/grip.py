@@ -12,7 +12,9 @@ from numpy.typing import NDArray
 
 from oneform_warp.errors import InputError
 from oneform_warp.graph import Graph
+from oneform_warp.handle_values import FRAME_ERROR
 from oneform_warp.handles import Handle, check_dimension
+from oneform_warp.stretches import log_tensor, six_numbers
 
 __all__ = ["Grip", "Pins"]
 
@@ -176,9 +178,27 @@ class Grip:
     def log_stretches(self, handles: Sequence[Handle]) -> NDArray[np.float64]:
         """Log sigma in the first column, (handles, 3); InputError where two handles disagree."""
         values = np.zeros((len(handles), 3))
-        values[:, 0] = [0.0 if h.stretch is None else np.log(h.stretch) for h in handles]
+        values[:, 0] = [0.0 if h.stretch is None else np.log(np.ravel(h.stretch)[0]) for h in handles]
         self.stretched.check(values, handles, "stretches")
         return values
+
+    def log_tensors(
+        self, handles: Sequence[Handle], dimension: int
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+        """Log S as xx yy zz and yz zx xy, (handles, 3) each; None where every handle stretches alike everywhere.
+
+        InputError where two handles disagree, or stretch out of what D has.
+        """
+        if all(h.stretch is None or np.all(np.asarray(h.stretch) == np.ravel(h.stretch)[0]) for h in handles):
+            return None
+        diagonal, beside = six_numbers(np.array([log_tensor(h.stretch, h.frame) for h in handles]))
+        for number, handle in enumerate(handles):
+            if dimension < 3 and np.abs(beside[number, : 3 if dimension == 1 else 2]).max() > FRAME_ERROR:
+                fix = "turn the frame about z alone" if dimension == 2 else "leave the frame out"
+                raise InputError(f"the stretch leaves D = {dimension}", where=handle.label(number), fix=fix)
+        for values in (diagonal, beside):
+            self.stretched.check(values, handles, "stretches")
+        return diagonal, beside
 
 
 def _attachment(

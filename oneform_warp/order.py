@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import warp as wp
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from oneform_warp.incidence import UniqueEdges
 from oneform_warp.sorting import iota, scan, sort_by_key
 
-__all__ = ["Order", "along_a_curve", "as_numbered", "by_breadth", "solving_order"]
+__all__ = ["Boxes", "Order", "along_a_curve", "as_numbered", "by_breadth", "solving_order"]
 
 
 class Order(NamedTuple):
@@ -175,26 +175,52 @@ def _morton(
     # In:
     x: wp.array[wp.vec3d],
     first: wp.array[wp.int32],
-    low: wp.vec3d,
-    per_unit: wp.float64,
+    mesh: wp.array[wp.int32],
+    low: wp.array[wp.vec3d],
+    per_unit: wp.array[wp.float64],
     # Out:
     code_out: wp.array[wp.int64],
 ):
     g = wp.tid()
-    p = per_unit * (x[first[g]] - low)
+    i = first[g]
+    m = int(0)
+    if mesh.shape[0] > 0:
+        m = mesh[i]
+    p = per_unit[m] * (x[i] - low[m])
     code = _spaced(wp.uint64(p[0])) | (_spaced(wp.uint64(p[1])) << wp.uint64(1))
     code_out[g] = wp.int64(code | (_spaced(wp.uint64(p[2])) << wp.uint64(2)))
 
 
-def along_a_curve(
-    x: wp.array[wp.vec3d], first: wp.array[wp.int32], box: tuple[NDArray[np.float64], NDArray[np.float64]]
-) -> wp.array[wp.int32]:
-    """Groups along a Morton curve through their positions. first: a vertex of each group; box: lowest, highest x."""
-    low, high = box
-    size = float((high - low).max(initial=0.0))
-    per_unit = (2**21 - 1) / size if size > 0.0 and np.isfinite((2**21 - 1) / size) else 0.0
+class Boxes(NamedTuple):
+    """The lowest and highest coordinates of each mesh, (k, 3), and each vertex's mesh, empty where there is one."""
+
+    low: NDArray[np.float64]
+    high: NDArray[np.float64]
+    mesh: wp.array[wp.int32]
+
+    @classmethod
+    def of(cls, x: NDArray[np.float64], mesh_of: NDArray[np.int32], device: Any) -> Boxes:
+        """x: (V, 3); mesh_of: (V,)."""
+        count = int(mesh_of.max(initial=-1)) + 1
+        low, high = np.full((count, 3), np.inf), np.full((count, 3), -np.inf)
+        order = np.argsort(mesh_of, kind="stable")
+        meshes, starts = np.unique(mesh_of[order], return_index=True)
+        if len(meshes):
+            low[meshes] = np.minimum.reduceat(x[order], starts)
+            high[meshes] = np.maximum.reduceat(x[order], starts)
+        return cls(low, high, wp.array(mesh_of, dtype=wp.int32, device=device))
+
+
+def along_a_curve(x: wp.array[wp.vec3d], first: wp.array[wp.int32], boxes: Boxes) -> wp.array[wp.int32]:
+    """Groups along Morton curves through their positions, each in its mesh's own box. first: a vertex of each group."""
+    size = (boxes.high - boxes.low).max(axis=1, initial=0.0)
+    with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
+        per_unit = (2**21 - 1) / size
+    per_unit[~np.isfinite(per_unit)] = 0.0
+    low = np.where(np.isfinite(boxes.low), boxes.low, 0.0)
     code = wp.empty(first.shape[0], dtype=wp.int64, device=first.device)
-    inputs = [x, first, wp.vec3d(*low), per_unit]
+    tables = [wp.array(low, dtype=wp.vec3d, device=x.device), wp.array(per_unit, dtype=wp.float64, device=x.device)]
+    inputs = [x, first, boxes.mesh, *tables]
     wp.launch(_morton, dim=first.shape[0], inputs=inputs, outputs=[code], device=first.device)
     return sort_by_key(code)[1]
 
@@ -204,8 +230,11 @@ def as_numbered(edges: UniqueEdges, count: int) -> wp.array[wp.int32]:
     return iota(count, edges.low.device)
 
 
-def by_breadth(edges: UniqueEdges, count: int) -> wp.array[wp.int32]:
-    """Groups by reverse Cuthill-McKee, on the host: where nothing but the edges says who is close."""
+def by_breadth(edges: UniqueEdges, count: int, mesh_of: NDArray[np.int32] | None = None) -> wp.array[wp.int32]:
+    """Groups by reverse Cuthill-McKee, on the host: where nothing but the edges says who is close.
+
+    mesh_of: the mesh of each group, (n,); each gets the order that it has alone.
+    """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import reverse_cuthill_mckee
 
@@ -214,5 +243,11 @@ def by_breadth(edges: UniqueEdges, count: int) -> wp.array[wp.int32]:
         return iota(count, edges.low.device)
     ones = np.ones(2 * len(low), dtype=np.int8)
     both = (np.concatenate([low, high]), np.concatenate([high, low]))
-    order = reverse_cuthill_mckee(coo_array((ones, both), shape=(count, count)).tocsr(), symmetric_mode=True)
-    return wp.array(order.astype(np.int32), dtype=wp.int32, device=edges.low.device)
+    matrix = coo_array((ones, both), shape=(count, count)).tocsr()
+    groups = [np.arange(count)]
+    if mesh_of is not None:
+        by_mesh = np.argsort(mesh_of, kind="stable")
+        groups = np.split(by_mesh, np.flatnonzero(np.diff(mesh_of[by_mesh])) + 1)
+    parts = (matrix if len(each) == count else matrix[each][:, each] for each in groups)
+    order = [each[reverse_cuthill_mckee(part, symmetric_mode=True)] for each, part in zip(groups, parts, strict=True)]
+    return wp.array(np.concatenate(order).astype(np.int32), dtype=wp.int32, device=edges.low.device)

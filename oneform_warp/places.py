@@ -17,7 +17,7 @@ from oneform_warp.grip import Grip
 from oneform_warp.handles import Handle
 from oneform_warp.rest import Rest
 
-__all__ = ["Places", "fitted", "targets_of"]
+__all__ = ["Places", "fitted", "placed", "reference_nodes", "targets_of"]
 
 Floats = NDArray[np.float64]
 
@@ -181,6 +181,30 @@ class Places:
         flat = rows.reshape(len(rows), -1)
         flat[self.vertices[self.exact]] = self.targets[self.exact][:, : flat.shape[1]]
         return wp.array(rows, dtype=x.dtype, device=x.device) if isinstance(x, wp.array) else rows
+
+
+@wp.kernel(enable_backward=False)
+def _keep_fixed(
+    # In:
+    fixed: wp.array[wp.int32],
+    rest: wp.array[wp.vec3d],
+    # Out:
+    x_out: wp.array[wp.vec3d],
+):
+    i = wp.tid()
+    if fixed[i] != 0:
+        x_out[i] = rest[i]
+
+
+def placed(begin: wp.array[wp.vec3d], grip: Grip, places: Places | None, rest: Rest) -> wp.array[wp.vec3d]:
+    """A start (n,) with what must not move at rest, pinned nodes and those without an edge, and the others put."""
+    if begin is rest.x and places is None:
+        return begin
+    x = wp.clone(begin)
+    wp.launch(_keep_fixed, dim=x.shape[0], inputs=[grip.fixed_on_device, rest.x], outputs=[x], device=x.device)
+    if places is not None:
+        places.put(x, rest)
+    return x
 
 
 @wp.kernel(enable_backward=False)

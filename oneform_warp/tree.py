@@ -12,7 +12,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from oneform_warp.arrays import read_rows, to_device
+from oneform_warp.arrays import read_rows, to_device, vertex_mask
 from oneform_warp.errors import InputError
 from oneform_warp.graph import Graph
 
@@ -21,7 +21,7 @@ __all__ = ["SpanningTree", "integrate_tree", "spanning_tree"]
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SpanningTree:
-    """A tree per component, V - C edges in all (nodes after welding), walked from its root outwards."""
+    """A tree per component, or one per root, walked from the roots outwards: nodes - roots edges in all."""
 
     graph: Graph
     order: wp.array[wp.int32]
@@ -35,14 +35,14 @@ class SpanningTree:
 
     @property
     def edges(self) -> NDArray[np.int64]:
-        """The numbers of the tree's edges, (n - C,), ascending."""
+        """The numbers of the tree's edges, (n - roots,), ascending."""
         children = self.parent.numpy() >= 0
         link = self.link.numpy()[children].astype(np.int64)
         return np.sort(np.where(link >= 0, link, ~link))
 
     @property
     def roots(self) -> NDArray[np.int64]:
-        """The root of each component, as a vertex number, (C,)."""
+        """The roots, one or more for each component, as vertex numbers."""
         nodes = np.flatnonzero(self.parent.numpy() < 0)
         return self.graph.vertex_at[nodes].astype(np.int64)
 
@@ -58,6 +58,7 @@ def _breadth_first(
     incident: wp.array[wp.int32],
     # In:
     roots: wp.array[wp.int32],
+    component_roots: wp.array[wp.int32],
     allowed: wp.array[wp.uint8],
     # Out:
     order_out: wp.array[wp.int32],
@@ -68,11 +69,12 @@ def _breadth_first(
     # depth_out comes in as -1 for every node: not seen yet.
     end = int(0)
     at = int(0)
-    for c in range(roots.shape[0]):
-        order_out[end] = roots[c]
-        parent_out[roots[c]] = -1
-        depth_out[roots[c]] = 0
-        end += 1
+    for c in range(component_roots.shape[0] - 1):
+        for k in range(component_roots[c], component_roots[c + 1]):
+            order_out[end] = roots[k]
+            parent_out[roots[k]] = -1
+            depth_out[roots[k]] = 0
+            end += 1
         while at < end:
             i = order_out[at]
             at += 1
@@ -87,17 +89,22 @@ def _breadth_first(
 
 
 def _walk(graph: Graph, roots: NDArray[np.int64], allowed: NDArray[np.uint8]) -> SpanningTree:
-    """Breadth-first from one root per component along the allowed edges."""
+    """Breadth-first from the roots, at least one per component, along the allowed edges."""
     n = graph.node_count
+    component = graph.node_component[roots]
+    by_component = np.argsort(component, kind="stable")
+    counts = np.bincount(component, minlength=graph.component_count)
+    component_roots = np.concatenate([[0], np.cumsum(counts)])
     order, parent, link = (wp.empty(n, dtype=wp.int32, device="cpu") for _ in range(3))
     depth = wp.full(n, -1, dtype=wp.int32, device="cpu")
     table = [a.to("cpu") for a in (graph.offsets, graph.neighbours, graph.incident)]
-    start = wp.array(roots.astype(np.int32), dtype=wp.int32, device="cpu")
+    start = wp.array(roots[by_component].astype(np.int32), dtype=wp.int32, device="cpu")
+    of_component = wp.array(component_roots.astype(np.int32), dtype=wp.int32, device="cpu")
     passable = wp.array(allowed, dtype=wp.uint8, device="cpu")
     wp.launch(
         _breadth_first,
         dim=1,
-        inputs=[*table, start, passable],
+        inputs=[*table, start, of_component, passable],
         outputs=[order, parent, link, depth],
         device="cpu",
     )
@@ -160,25 +167,34 @@ def _kruskal(
             chosen_out[e] = wp.uint8(1)
 
 
-def _minimal_edges(graph: Graph, cost: NDArray[np.float64]) -> NDArray[np.uint8]:
-    """1 for the edges of the spanning forest of least total cost, ties by edge number (Kruskal)."""
+def _minimal_edges(graph: Graph, cost: NDArray[np.float64], roots: NDArray[np.int64]) -> NDArray[np.uint8]:
+    """1 for the edges of the spanning forest of least total cost, ties by edge number (Kruskal).
+
+    The roots of a component are joined before any edge is.
+    """
+    together = np.arange(graph.node_count, dtype=np.int32)
+    first = np.full(graph.component_count, graph.node_count, dtype=np.int32)
+    np.minimum.at(first, graph.node_component[roots], roots.astype(np.int32))
+    together[roots] = first[graph.node_component[roots]]
     by_cost = wp.array(np.argsort(cost, kind="stable").astype(np.int32), dtype=wp.int32, device="cpu")
-    sets = wp.array(np.arange(graph.node_count, dtype=np.int32), dtype=wp.int32, device="cpu")
+    sets = wp.array(together, dtype=wp.int32, device="cpu")
     chosen = wp.zeros(graph.edge_count, dtype=wp.uint8, device="cpu")
     ends = [graph.tail.to("cpu"), graph.head.to("cpu")]
     wp.launch(_kruskal, dim=1, inputs=[*ends, by_cost], outputs=[sets, chosen], device="cpu")
     return chosen.numpy()
 
 
-def spanning_tree(graph: Graph, cost: Any = None) -> SpanningTree:
+def spanning_tree(graph: Graph, cost: Any = None, *, roots: Any = None) -> SpanningTree:
     """The spanning tree of least total cost; without a cost, of least depth from a root near the graph's centre.
 
     cost: (m,), any finite sign. The paper's maximal tree is the least one of
     `-edge_energy(graph, x, v)`, its minimal tree that of `edge_energy(graph, x, v)`. Ties go by edge number.
+    roots: vertices, by index or mask, where x is known: a tree hangs from each of them, and together they span;
+    a component without any has its centre. Raises InputError for a bad cost or roots out of range.
     """
-    roots = _centres(graph)
+    chosen = _centres(graph) if roots is None else _roots(graph, vertex_mask(roots, graph.vertex_count, "roots"))
     if cost is None:
-        return _walk(graph, roots, np.ones(graph.edge_count, dtype=np.uint8))
+        return _walk(graph, chosen, np.ones(graph.edge_count, dtype=np.uint8))
     values = np.asarray(cost, dtype=np.float64)
     if values.shape != (graph.edge_count,) or not np.isfinite(values).all():
         raise InputError(
@@ -186,7 +202,16 @@ def spanning_tree(graph: Graph, cost: Any = None) -> SpanningTree:
             where="cost",
             fix=f"give {graph.edge_count} finite numbers",
         )
-    return _walk(graph, roots, _minimal_edges(graph, values))
+    return _walk(graph, chosen, _minimal_edges(graph, values, chosen))
+
+
+def _roots(graph: Graph, vertices: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """The nodes of chosen vertices, and the centre of each component that has none."""
+    nodes = np.unique(graph.node_of[vertices].astype(np.int64))
+    without = np.bincount(graph.node_component[nodes], minlength=graph.component_count) == 0
+    if not without.any():
+        return nodes
+    return np.concatenate([nodes, _centres(graph)[without]])
 
 
 @wp.kernel(enable_backward=False)

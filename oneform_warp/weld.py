@@ -53,15 +53,11 @@ def _mixed(h: wp.uint64, value: wp.float64) -> wp.uint64:
 def _hashes(
     # In:
     x: wp.array[wp.vec3d],
-    mesh_of: wp.array[wp.int32],
     # Out:
     key_out: wp.array[wp.int64],
 ):
     i = wp.tid()
-    h = wp.uint64(1)
-    if mesh_of.shape[0] > 0:
-        h = _mixed(h, wp.float64(mesh_of[i]))
-    h = _mixed(_mixed(_mixed(h, x[i][0]), x[i][1]), x[i][2])
+    h = _mixed(_mixed(_mixed(wp.uint64(1), x[i][0]), x[i][1]), x[i][2])
     key_out[i] = wp.int64(h >> wp.uint64(1))
 
 
@@ -79,11 +75,11 @@ def _distinct(
     k = wp.tid()
     start = int(1)
     if k > 0:
-        apart = bool(False)
-        if mesh_of.shape[0] > 0:
-            apart = mesh_of[place[k]] != mesh_of[place[k - 1]]
-        if x[place[k]] == x[place[k - 1]] and not apart:
+        if x[place[k]] == x[place[k - 1]]:
+            # Meshes follow each other in vertices, and so in places as well.
             start = 0
+            if mesh_of.shape[0] > 0 and mesh_of[place[k]] != mesh_of[place[k - 1]]:
+                start = 1
         elif key[k] == key[k - 1]:
             collision_out[0] = 1
     start_out[k] = start
@@ -110,7 +106,8 @@ def _by_equality(x: wp.array[wp.vec3d], mesh_of: wp.array[wp.int32]) -> Groups:
     """Sort by a hash and compare neighbours; where hashes collide, which no mesh has, sort by the coordinates."""
     count, device = x.shape[0], x.device
     key = wp.empty(count, dtype=wp.int64, device=device)
-    wp.launch(_hashes, dim=count, inputs=[x, mesh_of], outputs=[key], device=device)
+    # Without the mesh: then the groups of each stand in the order that they have alone.
+    wp.launch(_hashes, dim=count, inputs=[x], outputs=[key], device=device)
     key, place = sort_by_key(key)
     start = wp.zeros(count + 1, dtype=wp.int32, device=device)
     collision = wp.zeros(1, dtype=wp.int32, device=device)

@@ -64,6 +64,7 @@ class Bytes(click.ParamType[int]):
 @click.option("--dry-run", is_flag=True, help="Check everything and say what would be written.")
 @click.option("--shard", metavar="I/N", help="Do the I-th of N parts, I from 1.")
 @click.option("--cluster", metavar="ADDRESS", help="Do the work on a dask cluster.")
+@click.option("--together", type=click.IntRange(min=1), help="Small files solved at once.  [128 on a GPU, else 1]")
 @click.option("--report", is_flag=True, help="Also OUT/report.html, with pictures.")
 @click.option("--pictures", type=click.IntRange(min=0), default=24, help="Pictures in the report.  [24]")
 @click.option("--plain", is_flag=True, help="A line for each file, for logs.")

@@ -85,6 +85,9 @@ def _aim(
         if norm[c][d] > wp.float64(0.0) and wp.isfinite(norm[c][d]):
             unit[d] = wp.pow(wp.float64(2.0), wp.floor(wp.log2(norm[c][d])))
         least = wp.max(SAFETY * goal[c][d], floor * norm[c][d]) / unit[d]
+        if norm[c][d] <= goal[c][d]:
+            # What has arrived stays as it is while others go on; twice, since float32 may see a little more of it.
+            least = wp.float64(2.0) * norm[c][d] / unit[d]
         aim[d] = least * least
         size[d] = norm[c][d] / unit[d]
         size[d] = size[d] * size[d]
@@ -143,7 +146,7 @@ class Goals:
 
     def account(self) -> Account:
         """What came of it; waits for the device."""
-        return Account(*self._table.numpy()[:, : self.segments.component_count])
+        return Account(*self._table.numpy()[:, : self.segments.component_count].copy())
 
     @property
     def one(self) -> wp.array[wp.vec3d]:

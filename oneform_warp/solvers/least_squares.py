@@ -48,7 +48,7 @@ def solve(
     state = chosen.prepare(graph, pinned)
     x = graph.nodes_from(rows.data)
     solution = chosen.solve(state, to_device(form.data, graph.device), x, progress=progress)
-    keep_centroids(graph, state.system.floating, solution.x, x)
+    keep_centroids(graph, state.floating, solution.x, x)
     return replace(
         solution,
         x=form.like(graph.vertices_from(solution.x)),

@@ -58,6 +58,27 @@ class State:
     system: System
     inner: Inner
 
+    @property
+    def floating(self) -> NDArray[np.bool_]:
+        """Components with edges whose translation a solve leaves open: they keep their centroid."""
+        return self.system.floating
+
+    @property
+    def pulls(self) -> bool:
+        """Whether anything beside edges and attachments pulls softly."""
+        return False
+
+    def held(self, x: wp.array[wp.vec3d]) -> wp.array[wp.vec3d]:
+        """The minimiser under what else has to hold, where x (n,) is the one without it."""
+        return x
+
+    def soft_energy(self, x: wp.array[wp.vec3d]) -> float:
+        """What else pulls softly adds this to the energy at x (n,)."""
+        return 0.0
+
+    def add_soft_pull(self, x: wp.array[wp.vec3d], r: wp.array[wp.vec3d]) -> None:
+        """Adds half of the downhill gradient of the same to r (n,), in place."""
+
 
 @wp.kernel(enable_backward=False)
 def _add(

@@ -18,6 +18,10 @@ __all__ = ["Solver"]
 class Solver(Protocol):
     """A solver by value: options in its fields, everything that costs time in `State`."""
 
+    @property
+    def tol(self) -> float:
+        """|codiff(v - dx)| <= tol |codiff v| in each component and column."""
+
     def prepare(self, graph: Graph, pinned: NDArray[np.bool_], attachment: NDArray[np.float64] | None = None) -> State:
         """What depends on the graph and its pins alone."""
 
