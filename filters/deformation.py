@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from oneform_warp.arap import CELLS, RIMS, Arap
 from oneform_warp.errors import InputError, NotConverged, OneFormWarning
+from oneform_warp.falloff import Biharmonic, Falloff, Geodesic, Smoothing
 from oneform_warp.fields import Fields
 from oneform_warp.filters.filter import Filter
 from oneform_warp.filters.handle_set import SOLVERS, HandleSet, Settings
 from oneform_warp.filters.parameters import Choice, Flag, Length, Number, Parameter, Text, Whole
+from oneform_warp.profiles import PROFILES
 from oneform_warp.starts import STARTS
 from oneform_warp.weights import KINDS
 
@@ -26,6 +28,8 @@ SOLVING: tuple[Parameter, ...] = (
     Choice("weights", "cotangent", "Edge weights mu.", KINDS),
     Flag("weld", True, "Whether vertices at one position, or within welddistance, move as one."),
     Length("welddistance", "0%", "How near counts as one position; 0 means exactly equal."),
+    Number("struts", 0.0, "Strength of edges through the inside of closed parts, which keep the volume: 1 is a start, "
+           "0 for none.", 0.0),
     Number("t", 1.0, "How much of the way from the rest pose, 0..1: rotations, logs of stretches and moves are scaled.",
            0.0, 1.0),
     Choice("start", "rest", "Where the solver starts.", tuple(STARTS)),
@@ -49,20 +53,33 @@ REFINING: tuple[Parameter, ...] = (
 
 SMOOTHING: tuple[Parameter, ...] = (
     Choice("smoothing", "harmonic", "How far handles reach: to the harmonic limit, for a number of sweeps, or over a "
-           "screening length.", ("harmonic", "sweeps", "length")),
+           "screening length, so that they leave the handles without a bend, or by the distance along the surface.",
+           ("harmonic", "sweeps", "length", "biharmonic", "geodesic")),
     Whole("sweeps", 10, "For smoothing='sweeps'.", 0),
     Length("length", "10%", "For smoothing='length'.", above=True),
+    Length("radius", "20%", "For smoothing='geodesic': where a handle's reach ends.", above=True),
+    Choice("profile", "smooth", "For smoothing='geodesic': the curve on the way there, by Blender's names.", PROFILES),
 )  # fmt: skip
+
+
+def _falloff(values: Mapping[str, Any]) -> Falloff:
+    kinds: dict[str, Callable[[], Falloff]] = {
+        "harmonic": Smoothing,
+        "sweeps": lambda: Smoothing(sweeps=values["sweeps"]),
+        "length": lambda: Smoothing(length=values["length"]),
+        "biharmonic": Biharmonic,
+        "geodesic": lambda: Geodesic(values["radius"], values["profile"]),
+    }
+    return kinds[values.get("smoothing", "harmonic")]()
 
 
 def settings_of(values: Mapping[str, Any]) -> Settings:
     """The values of SOLVING and REFINING, and of SMOOTHING where a filter has it."""
-    smoothing = values.get("smoothing", "harmonic")
     return Settings(
         weights=values["weights"],
         weld=values["welddistance"] if values["weld"] else None,
-        sweeps=values["sweeps"] if smoothing == "sweeps" else None,
-        length=values["length"] if smoothing == "length" else None,
+        falloff=_falloff(values),
+        struts=values["struts"] or None,
         start=values["start"],
         t=values["t"],
         refine=Arap(values["refine"], values["refinetolerance"], values["cells"], values["smoothrotations"]),
@@ -76,7 +93,7 @@ def settings_of(values: Mapping[str, Any]) -> Settings:
 
 def _deform(meshes: MeshSet, **values: Any) -> dict[str, Any]:
     placed = meshes.placed_handles()
-    if not placed.handles:
+    if not placed.handles and not placed.constraints:
         raise InputError("the mesh has no handles", where="handles", fix="apply set_oneform_handle first")
     return moved(meshes, placed, settings_of(values), None)
 

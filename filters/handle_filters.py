@@ -8,6 +8,7 @@ import numpy as np
 
 from oneform_warp.errors import InputError
 from oneform_warp.filters.filter import Filter, nearest
+from oneform_warp.filters.handle_mirror import MIRROR, NOWHERE, mirrored
 from oneform_warp.filters.handle_place import PLACE, place_of
 from oneform_warp.filters.handle_set import PlacedHandle
 from oneform_warp.filters.handle_weights import SOURCES, handle_weights
@@ -42,7 +43,10 @@ def _set_handle(meshes: MeshSet, **values: Any) -> dict[str, Any]:
         place=place_of(meshes, values, chosen),
     )
     handle.check()
+    twin = None if values["mirror"] == NOWHERE else mirrored(handle, placed.rest, values["mirror"])
     placed.place(handle)
+    if twin is not None:
+        placed.place(twin)
     return {"name": handle.name, "vertices": int(handle.mask.sum())}
 
 
@@ -102,6 +106,7 @@ SET_HANDLE = Filter(
         Flag("freerotation", False, "Whether the handle leaves the rotation free."),
         Flag("freestretch", False, "Whether the handle leaves the stretch free."),
         *PLACE,
+        MIRROR,
     ),
     _set_handle,
 )  # fmt: skip

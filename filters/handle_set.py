@@ -12,17 +12,21 @@ from numpy.typing import NDArray
 from oneform_warp import solvers
 from oneform_warp.arap import Arap
 from oneform_warp.arrays import vertex_mask
-from oneform_warp.between import fields_at
+from oneform_warp.between import constraint_at, fields_at
+from oneform_warp.constraints import Constraint
 from oneform_warp.deformation import Deformation
 from oneform_warp.deformer import Deformer
 from oneform_warp.errors import InputError
+from oneform_warp.falloff import Falloff, Smoothing
 from oneform_warp.fields import Fields, smooth_fields
 from oneform_warp.graph import Graph
 from oneform_warp.handles import FIT, Handle
 from oneform_warp.sequences import Keyframes
+from oneform_warp.struts import struts
 
 __all__ = ["SOLVERS", "HandleSet", "PlacedHandle", "Settings", "StaleHandles"]
 
+HARMONIC = Smoothing()
 SOLVERS = (solvers.AUTO, *solvers.SOLVERS)
 
 
@@ -36,8 +40,7 @@ class Settings:
 
     weights: str = "cotangent"
     weld: float | None = 0.0
-    sweeps: int | None = None
-    length: float | None = None
+    falloff: Falloff = HARMONIC
     start: str = "rest"
     t: float = 1.0
     """The part of the way from the rest pose."""
@@ -51,13 +54,17 @@ class Settings:
 
     def solver_on(self, graph: Graph) -> Any:
         """The named solver, or the one that the library takes for this graph, with the options that are given."""
+        return solvers.solver_named(self.solver, graph, self.solver_options)
+
+    @property
+    def solver_options(self) -> dict[str, Any]:
+        """The options that are given."""
         options = {"tol": self.tol, "max_iterations": self.max_iterations, "dtype": self.dtype}
-        given = {name: value for name, value in options.items() if value is not None}
-        return solvers.solver_named(self.solver, graph, given)
+        return {name: value for name, value in options.items() if value is not None}
 
     def of_the_deformer(self) -> Settings:
         """What has to be equal for a deformer to be used again."""
-        return replace(self, sweeps=None, length=None, start="rest", t=1.0, refine=0)
+        return replace(self, falloff=HARMONIC, start="rest", t=1.0, refine=0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,6 +151,7 @@ class HandleSet:
     def __init__(self, positions: NDArray[np.float64], faces: NDArray[np.int32]) -> None:
         self.rest, self.faces = positions, faces
         self.handles: dict[str, PlacedHandle] = {}
+        self.constraints: dict[str, Constraint] = {}
         self.result: Result | None = None
         self.changed_by: str | None = None
         """The native filter after which there were other vertices."""
@@ -181,9 +189,9 @@ class HandleSet:
                 fix="apply clear_oneform_handles and set the handles again",
             )
         if not same_faces:
-            self.faces, self._deformer = faces, None
+            self.faces, self._deformer, self.foreseen = faces, None, None
         if self.result is None and not same_positions:
-            self.rest, self._deformer = positions, None
+            self.rest, self._deformer, self.foreseen = positions, None, None
         return not same_positions
 
     def deform(self, settings: Settings, fields: Fields | None = None) -> Result:
@@ -198,15 +206,15 @@ class HandleSet:
             hard = Keyframes(deformer, hard).handles(settings.t)
             fields = None if fields is None else fields_at(fields, settings.t)
         painted = [handle for handle in self.handles.values() if handle.painted]
-        reach = {"sweeps": settings.sweeps, "length": settings.length}
         if painted and fields is None:
-            smooth = smooth_fields(deformer.graph, hard, x=self.rest, solver=deformer.solver, **reach)  # type: ignore[arg-type]
+            smooth = smooth_fields(deformer.graph, hard, x=self.rest, solver=deformer.solver, falloff=settings.falloff)
             fields = _with_paint(smooth, painted, settings.t)
+        how: dict[str, Any] = {"start": settings.start, "refine": settings.refine}
+        how["constraints"] = [constraint_at(each, settings.t, deformer.rest) for each in self.constraints.values()]
         if fields is not None:
-            fixed = [handle for handle in hard if handle.placed]
-            solution = deformer.solve(fixed, fields=fields, start=settings.start, refine=settings.refine)
+            solution = deformer.solve([handle for handle in hard if handle.placed], fields=fields, **how)
         else:
-            solution = deformer.solve(hard, start=settings.start, refine=settings.refine, **reach)  # type: ignore[arg-type]
+            solution = deformer.solve(hard, falloff=settings.falloff, **how)
         self.result = Result(solution, np.ascontiguousarray(solution.x, dtype=np.float64), deformer)
         return self.result
 
@@ -216,8 +224,12 @@ class HandleSet:
         if self._deformer is None or self._deformer[0] != key:
             if not len(self.faces):
                 raise InputError("there are only points, and a deformation needs edges", fix="give a mesh with faces")
+            inner: dict[str, Any] = {}
+            if settings.struts is not None:
+                found = struts(self.rest, self.faces, weld=settings.weld, device=settings.device)
+                inner["extra_edges"], inner["extra_weight"] = found.beside(settings.struts)
             graph = Graph.from_faces(
-                self.rest, self.faces, weights=settings.weights, weld=settings.weld, device=settings.device
+                self.rest, self.faces, weights=settings.weights, weld=settings.weld, device=settings.device, **inner
             )
             self._deformer = key, Deformer(self.rest, graph, solver=settings.solver_on(graph))
         return self._deformer[1]

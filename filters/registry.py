@@ -8,10 +8,13 @@ from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 
 from oneform_warp.errors import OneFormWarning
+from oneform_warp.filters.constraint_filters import CLEAR_CONSTRAINTS, SET_CONSTRAINT
 from oneform_warp.filters.deformation import DEFORMATION, INTEGRATION, RESET
 from oneform_warp.filters.filter import Filter
 from oneform_warp.filters.handle_filters import CLEAR_HANDLES, PRINT_HANDLES, SET_HANDLE
+from oneform_warp.filters.measures import MEASURES
 from oneform_warp.filters.native import native_filters
+from oneform_warp.filters.presets import PRESET_FILTERS
 from oneform_warp.filters.scalar_field import SCALAR_FIELD
 
 __all__ = ["GROUP", "own_filters"]
@@ -19,7 +22,11 @@ __all__ = ["GROUP", "own_filters"]
 GROUP = "oneform_warp.filters"
 """The entry-point group: each entry is a Filter, or an iterable of filters."""
 
-BUILT_IN = (SET_HANDLE, CLEAR_HANDLES, PRINT_HANDLES, DEFORMATION, INTEGRATION, RESET, SCALAR_FIELD)
+BUILT_IN = (
+    *(SET_HANDLE, CLEAR_HANDLES, PRINT_HANDLES, SET_CONSTRAINT, CLEAR_CONSTRAINTS),
+    *(DEFORMATION, INTEGRATION, *PRESET_FILTERS, RESET),
+    *(SCALAR_FIELD, MEASURES),
+)
 
 
 @cache

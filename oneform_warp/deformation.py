@@ -6,14 +6,13 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
 from oneform_warp.arap import Refined, nearest_vectors
-from oneform_warp.equations import constraint_notes, misfits
 from oneform_warp.fields import Fields, NodeFields
 from oneform_warp.forms import node_energy
 from oneform_warp.graph import Graph
@@ -22,7 +21,9 @@ from oneform_warp.notes import bare_notes, field_notes, is_misfit, misfit_notes,
 from oneform_warp.places import Places
 from oneform_warp.rest import Rest
 from oneform_warp.solvers import Solution, Status
-from oneform_warp.solvers.constrained import ConstrainedSolution, Equations
+
+if TYPE_CHECKING:
+    from oneform_warp.solvers.constrained import Equations
 
 __all__ = ["Deformation", "Stages"]
 
@@ -155,15 +156,19 @@ class Deformation:
         asked = self.refined is None and self._places is not None  # refining asks the targets for the rotations
         if asked and self._grip is not None and is_misfit(*self._energy):
             notes += place_notes(self._grip, self.misses, self._rest.diagonal)
-        if self._equations is not None and isinstance(self.solution, ConstrainedSolution):
+        if self._equations is not None:
+            from oneform_warp.equations import constraint_notes
+
             notes += constraint_notes(self._equations, self.solution)
         return (*notes, *misfit_notes(*self._energy))
 
     @property
     def misfits(self) -> dict[str, float]:
         """The largest |C x - d| of each constraint, by name, in the unit of x."""
-        if self._equations is None or not isinstance(self.solution, ConstrainedSolution):
+        if self._equations is None:
             return {}
+        from oneform_warp.equations import misfits
+
         return misfits(self._equations, self.solution, self._rest)
 
     @cached_property

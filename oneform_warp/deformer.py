@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import warp as wp
@@ -15,7 +15,6 @@ from oneform_warp.arrays import Rows, read_rows
 from oneform_warp.centroids import keep_centroids
 from oneform_warp.constraints import Constraint
 from oneform_warp.deformation import Deformation, Stages
-from oneform_warp.equations import equations
 from oneform_warp.errors import InputError, NotConverged, OneFormWarning
 from oneform_warp.falloff import Falloff, read_falloff
 from oneform_warp.fields import Fields, NodeFields, node_fields
@@ -26,10 +25,12 @@ from oneform_warp.places import Places, fitted, placed, reference_nodes
 from oneform_warp.refiner import Refiner
 from oneform_warp.rest import Rest
 from oneform_warp.solvers import Progress, Solver, States, default_solver
-from oneform_warp.solvers.constrained import Constrained, Equations
 from oneform_warp.starts import Problem, Start, read_start
 from oneform_warp.struts import struts as inner_edges
 from oneform_warp.weights import Weights
+
+if TYPE_CHECKING:
+    from oneform_warp.solvers.constrained import Equations
 
 __all__ = ["Deformer", "deform"]
 
@@ -197,6 +198,10 @@ class Deformer:
         """What is prepared under these constraints; the same ones again find it prepared."""
         if not constraints:
             return self._states
+        # Imported only when used: constraints bring half of SciPy along.
+        from oneform_warp.equations import equations
+        from oneform_warp.solvers.constrained import Constrained
+
         # A Constraint is compared by identity.
         if self._held is None or self._held[0] != tuple(constraints):
             made = equations(constraints, self._rest)

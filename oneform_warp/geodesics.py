@@ -32,19 +32,19 @@ __all__ = ["COLUMNS", "Heat", "geodesic_distance"]
 COLUMNS = 3
 """Sets of sources that one solve serves."""
 
-TRUSTED = 1.0e-8
+TRUSTED = 1.0e-11
 """Heat above this part of the sources' is known to some digits."""
 
-TOLERANCE = 1.0e-12
+TOLERANCE = 1.0e-14
 """Of the solves for heat; they are well conditioned, and take few iterations."""
 
-REACH = 12.0
+REACH = 17.0
 """Where heat is below TRUSTED, the distance is at least so many sqrt(t), of a point in a volume too."""
 
-GROWTH = 4.0
+GROWTH = 3.0
 """From one sqrt(t) to the next."""
 
-STEPS = 10
+STEPS = 12
 """Of growth at most: a million mean edges."""
 
 

@@ -103,7 +103,7 @@ def rotation_vector(
 
 
 def direction(axis: Any, where: str) -> NDArray[np.float64]:
-    """"x", "-y" or three numbers -> a vector of length 1, (3,)."""
+    """An axis by name, as "x" or "-y", or three numbers -> a vector of length 1, (3,)."""
     if isinstance(axis, str):
         if axis.lower().lstrip("+-") not in AXES:
             raise InputError(f"there is no axis {axis!r}", where=where, fix="use 'x', 'y', 'z' or three numbers")

@@ -6,8 +6,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from oneform_warp.errors import InputError
 from oneform_warp.graph import Graph
@@ -23,6 +21,9 @@ def beyond_joint(x: NDArray[np.float64], faces: Any, joint: Mask, beyond: int | 
     beyond: a vertex on the side that turns; None for all sides but the largest. Components without a vertex of the
     joint stay. Raises InputError where the joint does not cut its component.
     """
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
     if faces is None:
         raise InputError("a joint needs faces", where="faces", fix="pass the mesh's faces as well")
     if not joint.any():

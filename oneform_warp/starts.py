@@ -1,4 +1,7 @@
-"""Where the solve starts from: the rest pose, the previous solution, the integral along a tree, or zero."""
+"""Where the solve starts from: the rest pose, the previous solution, the integral along a tree, or zero.
+
+The rule `auto` is measured and explained in docs/tree-study.md.
+"""
 
 from __future__ import annotations
 
@@ -9,12 +12,14 @@ from typing import Any
 
 import numpy as np
 import warp as wp
+from numpy.typing import NDArray
 
 from oneform_warp.arrays import read_rows
+from oneform_warp.cycles import node_energies, short_cycle_misses
 from oneform_warp.errors import InputError
 from oneform_warp.forms import node_differential
 from oneform_warp.graph import Graph
-from oneform_warp.tree import SpanningTree, integrate_nodes, spanning_tree
+from oneform_warp.tree import SpanningTree, integrate_nodes, integrate_rings, spanning_tree
 
 __all__ = ["STARTS", "Problem", "Start", "read_start"]
 
@@ -30,6 +35,50 @@ class Problem:
     rest: wp.array[wp.vec3d]
     v: wp.array[wp.vec3d]
     previous: wp.array[wp.vec3d] | None
+    pinned: NDArray[np.bool_] | None = None
+    """Nodes whose place is given, (n,); None where others are only drawn to one: `auto` is then the rest pose."""
+    placed: wp.array[wp.vec3d] | None = None
+    """The rest pose with the pinned nodes where they are to be; None where that is the rest pose itself."""
+
+
+GAIN = 1.0e-3
+"""The energy of a tree's estimate over that of the rest pose from which on it saves two iterations of multigrid."""
+
+WALK = 10.0
+"""Energy of an estimate over q where misses add up as a random walk: 4 to 18 were seen."""
+
+COHERENT = 0.25
+"""rho above which misses add up: noise has -0.2 to 0.05, smooth rotations and stretches 0.6 to 1."""
+
+
+def _auto(problem: Problem) -> wp.array[wp.vec3d]:
+    """The rest pose, except in components whose 1-form is nearly exact: there the integral along a tree.
+
+    Cheap enough to run always: what short cycles miss, q and rho (see `cycles`), predicts the energy of a tree's
+    estimate in parts of the rest pose's, 10 q for noise and n q for smooth forms. Where that is below 1e-3, and the
+    estimate's own energy then is, the estimate is taken. On CUDA it is the rest pose: trees are made on the host, and
+    that takes longer than the iterations that they save.
+    """
+    graph = problem.graph
+    start = problem.rest if problem.placed is None else problem.placed
+    if problem.pinned is None or graph.device.is_cuda or not graph.solved_components:
+        return start
+    found = short_cycle_misses(graph, start, problem.v)
+    sizes = np.diff(graph.component_offsets)[: graph.solved_components]
+    predicted = found.q * np.where(found.rho > COHERENT, sizes, WALK)
+    if not (predicted < GAIN).any():
+        return start
+    resting = node_energies(graph, start, problem.v)
+    if not ((predicted < GAIN) & (resting > 0.0)).any():
+        return start
+    tree = spanning_tree(graph, roots=graph.vertex_at[problem.pinned])
+    estimate = integrate_rings(tree, problem.v, start)
+    chosen = (predicted < GAIN) & (node_energies(graph, estimate, problem.v) < GAIN * resting)
+    if not chosen.any():
+        return start
+    taken = np.append(chosen, False)[np.minimum(graph.node_component, graph.solved_components)] & ~problem.pinned
+    rows = np.where(taken[:, None], estimate.numpy(), start.numpy())
+    return wp.array(rows, dtype=wp.vec3d, device=graph.device)
 
 
 def _rest(problem: Problem) -> wp.array[wp.vec3d]:
@@ -67,6 +116,7 @@ def _along(problem: Problem, tree: SpanningTree) -> wp.array[wp.vec3d]:
 
 
 STARTS: dict[str, Callable[[Problem], wp.array[wp.vec3d]]] = {
+    "auto": _auto,
     "rest": _rest,
     "previous": _previous,
     "min_depth": _min_depth,

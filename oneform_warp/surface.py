@@ -6,8 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 __all__ = ["Surface", "fan", "surface"]
 
@@ -55,6 +53,9 @@ def fan(indices: NDArray[np.int32], offsets: NDArray[np.int32]) -> Integers:
 
 def surface(x: Floats, indices: NDArray[np.int32], offsets: NDArray[np.int32], node_of: NDArray[np.int32]) -> Surface:
     """x: positions of nodes (n, 3); polygons as vertex indices and offsets; node_of: the node of each vertex (V,)."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
     triangles = node_of[fan(indices, offsets)].astype(np.int64)
     a, b, c = triangles.T
     triangles = triangles[(a != b) & (b != c) & (c != a)]

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from oneform_warp.arrays import as_numpy, read_rows
 from oneform_warp.errors import InputError
@@ -109,6 +108,8 @@ def mirror_vertices(
     x: (V, 3), own: ascending. A vertex belongs to its nearest image, so that sides with other numbers
     of vertices work, too. InputError where none is there.
     """
+    from scipy.spatial import cKDTree
+
     limit = TOLERANCE * float(np.linalg.norm(np.ptp(x, axis=0))) if tolerance is None else float(tolerance)
     images = Plane(plane.normal, plane.offset).points(x)
     away, nearest = cKDTree(x).query(images)

@@ -10,6 +10,7 @@ import click
 from oneform_warp.cli.keyframes import read_script
 from oneform_warp.cli.options import FILE, handles_options, settings_options
 from oneform_warp.cli.outputs import check_places, write_json
+from oneform_warp.cli.recipe import Asked
 from oneform_warp.cli.settings import settings_from
 from oneform_warp.cli.specs import specs_from
 from oneform_warp.cli.terminal import ProgressLine, Stopwatch, start_warp
@@ -74,6 +75,8 @@ def command(
     out: Path | None,
     hold: tuple[str, ...],
     handle: tuple[tuple[str, str], ...],
+    preset: tuple[str, ...],
+    constraint: tuple[tuple[str, str], ...],
     recipe: Path | None,
     frames: int | None,
     fps: float | None,
@@ -90,8 +93,9 @@ def command(
     script = read_script(recipe)
     settings = settings_from(script.recipe.settings, given)
     specs = [*script.recipe.handles, *specs_from(hold, handle)]
-    if not specs and not script.keys:
-        raise click.UsageError("There is no handle. Give --hold, --handle or --recipe.")
+    asked = Asked(preset, constraint, script.recipe)
+    if not (specs or script.keys or preset or constraint or script.recipe.presets or script.recipe.constraints):
+        raise click.UsageError("There is no handle. Give --hold, --handle, --preset, --constraint or --recipe.")
     check_places(out, preview, report)
     from oneform_warp.filters import read_mesh
 
@@ -103,7 +107,9 @@ def command(
     from oneform_warp.cli.story import make_story
 
     watch.stop("warp")
-    story = make_story(mesh, specs, script.keys, settings, frames or script.frames or FRAMES, fps or script.fps or FPS)
+    story = make_story(
+        mesh, specs, script.keys, settings, frames or script.frames or FRAMES, fps or script.fps or FPS, asked
+    )
     watch.stop("graph")
     if dry_run or verbose:
         click.echo("\n".join(story.lines()))

@@ -8,7 +8,7 @@ import click
 
 from oneform_warp.cli.options import FILE, handles_options, settings_options
 from oneform_warp.cli.outputs import check_writable, write_json
-from oneform_warp.cli.recipe import read_recipe
+from oneform_warp.cli.recipe import Asked, read_recipe
 from oneform_warp.cli.settings import Settings, settings_from
 from oneform_warp.cli.specs import HandleSpec, specs_from
 from oneform_warp.cli.terminal import ProgressLine, Stopwatch, start_warp
@@ -38,6 +38,7 @@ SPEC is key=value,... of
   frame=0:0:0.5           a rotation vector that turns these directions
   name=NAME               for messages
   held                    stay in place
+  mirror=x                the same on the other side
   move=0:0:0.3            go there: a translation
   pivot=centroid          go there: turn as a whole about a point, as 0:0:1
   to=FILE                 go there: where a mesh file has the same vertices
@@ -85,6 +86,8 @@ def command(
     out: Path | None,
     hold: tuple[str, ...],
     handle: tuple[tuple[str, str], ...],
+    preset: tuple[str, ...],
+    constraint: tuple[tuple[str, str], ...],
     recipe: Path | None,
     t: float,
     dry_run: bool,
@@ -100,11 +103,11 @@ def command(
     book = read_recipe(recipe)
     settings = settings_from(book.settings, given)
     specs = [*book.handles, *specs_from(hold, handle)]
-    if not specs:
-        raise click.UsageError("There is no handle. Give --hold, --handle or --recipe.")
+    if not (specs or preset or constraint or book.presets or book.constraints):
+        raise click.UsageError("There is no handle. Give --hold, --handle, --preset, --constraint or --recipe.")
     check_writable(out, preview, report)
     watch = Stopwatch()
-    plan = _plan(source, specs, settings, out, watch, t=t, verbose=verbose)
+    plan = _plan(source, specs, settings, out, watch, asked=Asked(preset, constraint, book), t=t, verbose=verbose)
     if dry_run or verbose:
         click.echo("\n".join(plan.lines()))
     if dry_run or out is None:
@@ -124,6 +127,7 @@ def _plan(
     out: Path | None,
     watch: Stopwatch,
     *,
+    asked: Asked,
     t: float,
     verbose: bool,
 ) -> "Plan":
@@ -136,7 +140,7 @@ def _plan(
     from oneform_warp.cli.plan import make_plan
 
     watch.stop("warp")
-    plan = make_plan(mesh, specs, settings, out, t)
+    plan = make_plan(mesh, specs, settings, out, asked=asked, t=t)
     watch.stop("graph")
     return plan
 

@@ -35,6 +35,12 @@ def handles_options(function: Callable[..., Any]) -> Callable[..., Any]:
         click.option(
             "--handle", type=(str, str), multiple=True, metavar="SEL SPEC", help="Rotate or stretch; repeatable."
         ),
+        click.option(
+            "--preset", multiple=True, metavar="NAME,...", help="Handles of a common deformation; repeatable."
+        ),
+        click.option(
+            "--constraint", type=(str, str), multiple=True, metavar="KIND SPEC", help="Something linear; repeatable."
+        ),
         click.option("--recipe", type=FILE, metavar="TOML", help="Handles and options from a file."),
     ]
     return _with(options, function)
@@ -57,6 +63,12 @@ def settings_options(function: Callable[..., Any]) -> Callable[..., Any]:
         click.option("--start", type=click.Choice(CHOICES["start"]), help="Where the solver starts.  [rest]"),
         click.option("--sweeps", type=click.IntRange(min=0), help="Spread handles by so many Jacobi sweeps."),
         click.option("--length", type=click.FloatRange(min=0.0, min_open=True), help="Spread handles over a length."),
+        click.option("--falloff", type=click.Choice(CHOICES["falloff"]), help="How handles spread.  [harmonic]"),
+        click.option("--radius", type=click.FloatRange(min=0.0, min_open=True), help="Reach of --falloff geodesic."),
+        click.option("--profile", type=click.Choice(CHOICES["profile"]), help="Its curve, as in Blender.  [smooth]"),
+        click.option(
+            "--struts", type=click.FloatRange(min=0.0, min_open=True), help="Keep the volume: 1 to begin with."
+        ),
         click.option("--refine", type=click.IntRange(min=0), help="ARAP steps after the solve, 5 to 20.  [0]"),
         click.option(
             "--refine-tol", type=click.FloatRange(min=0.0), help="Least part of the energy that a step saves."

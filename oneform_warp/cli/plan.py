@@ -9,22 +9,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oneform_warp.arap import Arap
+from oneform_warp.cli.constraint_spec import constraints_from
 from oneform_warp.cli.mesh_facts import box_text
+from oneform_warp.cli.preset_spec import PresetSpec, presets_from
+from oneform_warp.cli.recipe import Asked
 from oneform_warp.cli.selections import select_vertices
 from oneform_warp.cli.settings import Settings, weld_length
 from oneform_warp.cli.specs import HandleSpec
+from oneform_warp.constraints import Constraint
 from oneform_warp.deformation import Deformation
 from oneform_warp.deformer import Deformer
-from oneform_warp.errors import FileError
-from oneform_warp.fields import Smoothing
+from oneform_warp.errors import FileError, InputError
+from oneform_warp.falloff import Biharmonic, Falloff, Geodesic, Smoothing
 from oneform_warp.filters import MeshFile, read_mesh
 from oneform_warp.filters.meshfile import WRITABLE
 from oneform_warp.graph import Graph
 from oneform_warp.handles import Handle
 from oneform_warp.sequences import Keyframes
 from oneform_warp.solvers import Progress, solver_named
+from oneform_warp.struts import struts
+from oneform_warp.symmetry import mirror
 
-__all__ = ["Plan", "check_faces", "make_deformer", "make_handles", "make_plan", "solve_options"]
+__all__ = ["Plan", "check_faces", "falloff_of", "make_deformer", "make_handles", "make_plan", "solve_options"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,13 +42,14 @@ class Plan:
     handles: Sequence[Handle]
     deformer: Deformer
     settings: Settings
+    constraints: Sequence[Constraint] = ()
     t: float = 1.0
     """How much of the way from the rest pose."""
 
     def solve(self, progress: Progress) -> Deformation:
         """The deformation."""
-        handles = Keyframes(self.deformer, self.handles).handles(self.t)
-        return self.deformer.solve(handles, **solve_options(self.settings), progress=progress)
+        keyframes = Keyframes(self.deformer, self.handles)
+        return keyframes.solve(self.t, constraints=self.constraints, **solve_options(self.settings), progress=progress)
 
     def vertices(self, *, held: bool) -> NDArray[np.bool_]:
         """The vertices (V,) of the handles that hold, or of the others."""
@@ -59,29 +66,51 @@ class Plan:
 
 
 def make_plan(
-    mesh: MeshFile, specs: Sequence[HandleSpec], settings: Settings, out: Path | None, t: float = 1.0
+    mesh: MeshFile,
+    specs: Sequence[HandleSpec],
+    settings: Settings,
+    out: Path | None,
+    *,
+    asked: Asked | None = None,
+    t: float = 1.0,
 ) -> Plan:
     """Checked selections, handles and options; InputError names the one that cannot be used. Warp is initialised."""
     check_faces(mesh)
     if out is not None:
         _check_format(mesh, out)
-    Smoothing(settings.sweeps, settings.length)
-    handles = make_handles(mesh, specs)
+    falloff_of(settings)
+    wanted = Asked() if asked is None else asked
+    chosen, handles = make_handles(mesh, specs, presets_from(wanted))
+    constraints = [each.on(mesh) for each in constraints_from(wanted)]
     deformer = make_deformer(mesh, settings)
     deformer.check(handles)
-    return Plan(mesh, specs, handles, deformer, settings, t)
+    return Plan(mesh, chosen, handles, deformer, settings, constraints, t)
 
 
-def make_handles(mesh: MeshFile, specs: Sequence[HandleSpec]) -> list[Handle]:
-    """A handle for each specification; InputError for selections that mean no vertex."""
-    handles = []
+def make_handles(
+    mesh: MeshFile, specs: Sequence[HandleSpec], presets: Sequence[PresetSpec] = ()
+) -> tuple[list[HandleSpec], list[Handle]]:
+    """The handles of presets, specifications and their mirror images, and where each came from.
+
+    InputError for selections that mean no vertex.
+    """
+    chosen, handles = [], []
+    for preset in presets:
+        made = preset.handles(mesh)
+        handles += made
+        chosen += [HandleSpec(f"{preset.preset} ({handle.name})") for handle in made]
     for spec in specs:
         vertices = select_vertices(spec, mesh)
         options = {**spec.options, "name": spec.name}
+        across = options.pop("mirror", None)
         if "to" in options:
             options["to"] = _targets(mesh, spec)[vertices]
         handles.append(Handle(vertices, **options))
-    return handles
+        chosen.append(spec)
+        if across is not None:
+            handles.append(mirror(handles[-1], mesh.positions, across))
+            chosen.append(HandleSpec(spec.select, {"name": handles[-1].name}, spec.folder))
+    return chosen, handles
 
 
 def _targets(mesh: MeshFile, spec: HandleSpec) -> NDArray[np.float64]:
@@ -96,12 +125,13 @@ def _targets(mesh: MeshFile, spec: HandleSpec) -> NDArray[np.float64]:
 
 def make_deformer(mesh: MeshFile, settings: Settings) -> Deformer:
     """The mesh at rest, with the graph, weights and solver that the settings ask for."""
+    weld = weld_length(settings.weld)
+    inner: dict[str, Any] = {}
+    if settings.struts is not None:
+        found = struts(mesh.positions, mesh.faces, weld=weld, device=settings.device)
+        inner["extra_edges"], inner["extra_weight"] = found.beside(settings.struts)
     graph = Graph.from_faces(
-        mesh.positions,
-        mesh.faces,
-        weights=settings.weights,
-        weld=weld_length(settings.weld),
-        device=settings.device,
+        mesh.positions, mesh.faces, weights=settings.weights, weld=weld, device=settings.device, **inner
     )
     return Deformer(mesh.positions, graph, solver=solver_named(settings.solver, graph, settings.solver_options))
 
@@ -109,7 +139,22 @@ def make_deformer(mesh: MeshFile, settings: Settings) -> Deformer:
 def solve_options(settings: Settings) -> dict[str, Any]:
     """The options of `Deformer.solve`."""
     arap = Arap(settings.refine, settings.refine_tol, settings.cells, settings.smooth_rotations)
-    return {"sweeps": settings.sweeps, "length": settings.length, "start": settings.start, "refine": arap}
+    return {"falloff": falloff_of(settings), "start": settings.start, "refine": arap}
+
+
+def falloff_of(settings: Settings) -> Falloff:
+    """How handles spread; InputError where settings contradict each other."""
+    reach = Smoothing(settings.sweeps, settings.length)
+    if settings.falloff != "harmonic" and reach != Smoothing():
+        given = "sweeps" if settings.length is None else "length"
+        raise InputError(f"falloff and {given} are both given", where="falloff", fix="give one of them")
+    if settings.falloff == "geodesic":
+        if settings.radius is None:
+            raise InputError("a geodesic falloff ends somewhere", where="radius", fix="give a length > 0")
+        return Geodesic(settings.radius, settings.profile)
+    if settings.radius is not None:
+        raise InputError("a radius is for a geodesic falloff", where="radius", fix="add falloff=geodesic, or drop it")
+    return Biharmonic() if settings.falloff == "biharmonic" else reach
 
 
 def check_faces(mesh: MeshFile) -> None:

@@ -23,7 +23,7 @@ from oneform_warp.cli.settings import Settings, checked_setting
 from oneform_warp.cli.specs import READERS, HandleSpec, handle_options, unknown_name
 from oneform_warp.errors import FileError, InputError
 
-__all__ = ["OF_SEQUENCES", "Recipe", "handle_from", "load_tables", "read_recipe", "recipe_from"]
+__all__ = ["OF_SEQUENCES", "Asked", "Recipe", "handle_from", "load_tables", "read_recipe", "recipe_from"]
 
 OF_SEQUENCES = ("keyframes", "frames", "fps")
 
@@ -34,6 +34,19 @@ class Recipe:
 
     handles: tuple[HandleSpec, ...] = ()
     settings: Mapping[str, Any] = field(default_factory=dict)
+    presets: tuple[Mapping[str, Any], ...] = ()
+    """Tables with a preset's name, and below with a constraint's kind, not yet looked at."""
+    constraints: tuple[Mapping[str, Any], ...] = ()
+    folder: Path = Path()
+
+
+@dataclass(frozen=True)
+class Asked:
+    """Presets and constraints as they are typed; what they mean is known once Warp is loaded."""
+
+    presets: tuple[str, ...] = ()
+    constraints: tuple[tuple[str, str], ...] = ()
+    recipe: Recipe = field(default_factory=Recipe)
 
 
 def read_recipe(path: Path | None) -> Recipe:
@@ -43,19 +56,26 @@ def read_recipe(path: Path | None) -> Recipe:
 
 def recipe_from(tables: dict[str, Any], path: Path) -> Recipe:
     """The recipe that the tables of a file are."""
-    handles = tables.pop("handles", [])
-    if not isinstance(handles, list) or not all(isinstance(table, dict) for table in handles):
-        raise InputError("handles are not tables", where=str(path), fix="write [[handles]] above each")
+    handles = _tables(tables, "handles", path)
+    presets, constraints = _tables(tables, "presets", path), _tables(tables, "constraints", path)
     known = [each.name for each in fields(Settings)]
     for key, value in tables.items():
         if key in OF_SEQUENCES:
             fix = "use `oneform-warp animate`"
             raise InputError(f"{key} are those of a sequence", where=str(path), fix=fix)
         if key not in known:
-            raise unknown_name("key", key, ["handles", *known], str(path))
+            raise unknown_name("key", key, ["handles", "presets", "constraints", *known], str(path))
         checked_setting(key, value, f"{path}: {key}")
     specs = [handle_from(table, path, f"handles[{number}]") for number, table in enumerate(handles)]
-    return Recipe(tuple(specs), tables)
+    return Recipe(tuple(specs), tables, presets, constraints, path.parent)
+
+
+def _tables(tables: dict[str, Any], key: str, path: Path) -> tuple[dict[str, Any], ...]:
+    """Takes the tables of a key out; none where it is not there."""
+    found = tables.pop(key, [])
+    if not isinstance(found, list) or not all(isinstance(table, dict) for table in found):
+        raise InputError(f"{key} are not tables", where=str(path), fix=f"write [[{key}]] above each")
+    return tuple(found)
 
 
 def load_tables(path: Path) -> dict[str, Any]:

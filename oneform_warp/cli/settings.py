@@ -16,9 +16,15 @@ CHOICES = {
     "solver": ("auto", "cg", "cholmod", "cudss", "jacobi", "multigrid", "superlu"),
     "dtype": ("float32", "float64"),
     "start": ("rest", "previous", "min_depth", "maximal", "minimal", "zero"),
+    "falloff": ("harmonic", "biharmonic", "geodesic"),
+    "profile": ("smooth", "sphere", "root", "inverse_square", "sharp", "linear", "constant", "random"),
     "cells": ("spokes_and_rims", "spokes"),
     "backend": ("auto", "pymeshlab", "trimesh"),
 }
+
+
+LENGTHS = ("length", "radius", "struts")
+"""Settings that are numbers above 0."""
 
 
 @dataclass(frozen=True)
@@ -34,6 +40,10 @@ class Settings:
     start: str = "rest"
     sweeps: int | None = None
     length: float | None = None
+    falloff: str = "harmonic"
+    radius: float | None = None
+    profile: str = "smooth"
+    struts: float | None = None
     refine: int = 0
     refine_tol: float = 0.0
     cells: str = "spokes_and_rims"
@@ -74,13 +84,9 @@ def checked_setting(key: str, value: Any, where: str) -> Any:
     else:
         whole = key in ("max_iterations", "refine", "sweeps")
         number = isinstance(value, int if whole else int | float) and not isinstance(value, bool)
-        if not number or not math.isfinite(value) or value < 0 or (key == "length" and value == 0):
+        if not number or not math.isfinite(value) or value < 0 or (key in LENGTHS and value == 0):
             fix = (
-                "give a whole number >= 0"
-                if whole
-                else "give a length > 0"
-                if key == "length"
-                else "give a number >= 0"
+                "give a whole number >= 0" if whole else "give a number > 0" if key in LENGTHS else "give a number >= 0"
             )
             raise InputError(f"{value!r} does not fit", where=where, fix=fix)
     return value

@@ -9,7 +9,7 @@ from typing import Any
 
 from oneform_warp.errors import InputError
 
-__all__ = ["HandleSpec", "handle_options", "number_from", "parse_spec", "specs_from", "unknown_name"]
+__all__ = ["HandleSpec", "handle_options", "number_from", "parse_spec", "specs_from", "unknown_name", "vector_from"]
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,8 @@ def number_from(value: Any, where: str) -> float:
     return number
 
 
-def _vector(value: Any, where: str, fix: str) -> tuple[float, ...]:
+def vector_from(value: Any, where: str, fix: str) -> tuple[float, ...]:
+    """Three finite numbers, as 0:0:1 or as a list; InputError with this advice where there are none."""
     parts = value.replace(":", " ").split() if isinstance(value, str) else value
     if not isinstance(parts, list) or len(parts) != 3:
         raise InputError(f"{value!r} is not three numbers", where=where, fix=fix)
@@ -91,7 +92,7 @@ def _vector(value: Any, where: str, fix: str) -> tuple[float, ...]:
 def _axis(value: Any, where: str) -> str | tuple[float, ...]:
     if isinstance(value, str) and value.lower().lstrip("+-") in ("x", "y", "z"):
         return value
-    axis = _vector(value, where, "use x, y, z, or three numbers as 0:0:1")
+    axis = vector_from(value, where, "use x, y, z, or three numbers as 0:0:1")
     if not any(axis):
         raise InputError("the axis is zero", where=where, fix="use x, y, z, or three numbers as 0:0:1")
     return axis
@@ -100,14 +101,14 @@ def _axis(value: Any, where: str) -> str | tuple[float, ...]:
 def _rotation(value: Any, where: str) -> tuple[float, ...] | str | None:
     if value in ("free", "fit"):
         return None if value == "free" else "fit"
-    return _vector(value, where, "give radians as 0:0:3.14, free or fit")
+    return vector_from(value, where, "give radians as 0:0:3.14, free or fit")
 
 
 def _stretch(value: Any, where: str) -> float | tuple[float, ...] | None:
     if value == "free":
         return None
     several = isinstance(value, list) or (isinstance(value, str) and ":" in value)
-    factors = _vector(value, where, "give 1:1:2") if several else (number_from(value, where),)
+    factors = vector_from(value, where, "give 1:1:2") if several else (number_from(value, where),)
     for factor in factors:
         if factor <= 0.0:
             raise InputError(f"the stretch is {factor:g}", where=where, fix="give a factor > 0, 1:1:2, or free")
@@ -115,11 +116,11 @@ def _stretch(value: Any, where: str) -> float | tuple[float, ...] | None:
 
 
 def _point(value: Any, where: str) -> tuple[float, ...]:
-    return _vector(value, where, "give three numbers as 0:0:1")
+    return vector_from(value, where, "give three numbers as 0:0:1")
 
 
 def _pivot(value: Any, where: str) -> tuple[float, ...] | str:
-    return value if value == "centroid" else _vector(value, where, "give a point as 0:0:1, or centroid")
+    return value if value == "centroid" else vector_from(value, where, "give a point as 0:0:1, or centroid")
 
 
 def _weight(value: Any, where: str) -> float:
@@ -151,6 +152,12 @@ def _flag(value: Any, where: str) -> bool:
     return words[word]
 
 
+def _mirror(value: Any, where: str) -> str:
+    if value not in ("x", "y", "z"):
+        raise InputError(f"there is no plane across {value!r}", where=where, fix="give x, y or z")
+    return str(value)
+
+
 READERS: dict[str, Callable[[Any, str], Any]] = {
     "axis": _axis,
     "angle": number_from,
@@ -159,6 +166,7 @@ READERS: dict[str, Callable[[Any, str], Any]] = {
     "name": _name,
     "frame": _point,
     "held": _flag,
+    "mirror": _mirror,
     "to": _path,
     "move": _point,
     "pivot": _pivot,

@@ -10,15 +10,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oneform_warp import __version__
+from oneform_warp.cli.constraint_spec import constraints_from
 from oneform_warp.cli.keyframes import END
 from oneform_warp.cli.mesh_facts import box_text
-from oneform_warp.cli.plan import check_faces, make_deformer, make_handles, solve_options
+from oneform_warp.cli.plan import check_faces, falloff_of, make_deformer, make_handles, solve_options
+from oneform_warp.cli.preset_spec import presets_from
+from oneform_warp.cli.recipe import Asked
 from oneform_warp.cli.report import mesh_line
 from oneform_warp.cli.settings import Settings
 from oneform_warp.cli.specs import HandleSpec
 from oneform_warp.cli.terminal import ProgressLine
+from oneform_warp.constraints import Constraint
 from oneform_warp.deformation import Deformation
-from oneform_warp.fields import Smoothing
 from oneform_warp.filters import MeshFile
 from oneform_warp.handles import Handle
 from oneform_warp.sequences import Keyframes
@@ -36,6 +39,7 @@ class Story:
     settings: Settings
     frames: int
     fps: float
+    constraints: Sequence[Constraint] = ()
     went: list[dict[str, Any]] = field(default_factory=list)
     _notes: dict[str, str] = field(default_factory=dict)
 
@@ -58,7 +62,7 @@ class Story:
         """The frames, one after the other."""
         for number, t in enumerate(np.linspace(0.0, END, self.frames).tolist()):
             progress.say(f"frame {number + 1} of {self.frames}")
-            solution = self.keyframes.solve(t, **solve_options(self.settings))
+            solution = self.keyframes.solve(t, constraints=self.constraints, **solve_options(self.settings))
             notes = [*solution.warnings, *([] if solution.converged else [str(solution.status)])]
             self._notes.update({re.sub(r"\d+", "", note): f"frame {number} (t = {t:.4g}): {note}" for note in notes})
             self.went.append({
@@ -124,15 +128,17 @@ def make_story(
     settings: Settings,
     frames: int,
     fps: float,
+    asked: Asked,
 ) -> Story:
     """Checked handles and options; specs: handles at t = 1. InputError names what cannot be used."""
     check_faces(mesh)
-    Smoothing(settings.sweeps, settings.length)
-    asked = dict(keys)
-    if specs:
-        asked[END] = (*specs, *asked.get(END, ()))
-    handles = {t: make_handles(mesh, each) for t, each in asked.items()}
-    return Story(mesh, handles, Keyframes(make_deformer(mesh, settings), handles), settings, frames, fps)
+    falloff_of(settings)
+    handles = {t: make_handles(mesh, each)[1] for t, each in keys.items()}
+    presets = presets_from(asked)
+    if specs or presets:
+        handles[END] = [*make_handles(mesh, specs, presets)[1], *handles.get(END, ())]
+    held = [each.on(mesh) for each in constraints_from(asked)]
+    return Story(mesh, handles, Keyframes(make_deformer(mesh, settings), handles), settings, frames, fps, held)
 
 
 def _told(handle: Handle) -> dict[str, Any]:
