@@ -12,23 +12,25 @@ ROOT = Path(oneform_warp.__file__).parent
 # The picture of ARCHITECTURE.md as layers: a module imports from layers above its own only (solvers and cli are folders).
 LAYERS = [
     ["errors"],
-    ["arrays", "polygons", "sorting", "rotations", "segments", "conditions"],
-    ["weld", "incidence", "weights", "shapes"],
-    ["order", "intake"],
-    ["assembly"],
-    ["graph"],
-    ["forms", "tree", "centroids"],
-    ["exactness", "solvers", "starts"],
-    ["handles", "rest"],
-    ["grip"],
-    ["influence"],
+    ["sorting", "rotations", "procrustes", "segments", "profiles", "surface", "intersections", "rigidity"],
+    ["arrays", "polygons", "conditions", "handle_values"],
+    ["weld", "incidence", "weights", "shapes", "strain", "principal"],
+    ["order", "intake", "handles", "measures"],
+    ["assembly", "struts", "symmetry", "constraints"],
+    ["graph", "constraint_kinds"],
+    ["forms", "tree", "centroids", "cells", "cycles", "patches", "joints", "stretches"],
+    ["exactness", "solvers", "starts", "smoothness", "presets"],
+    ["grip", "rest"],
+    ["influence", "overlap", "geodesics", "biharmonic", "places", "equations", "arap_energy"],
+    ["falloff", "arap"],
     ["fields"],
-    ["notes"],
+    ["notes", "between", "refiner"],
     ["deformation"],
     ["deformer"],
-    ["deformers"],
+    ["deformers", "sequences"],
     ["preview_polyscope"],
-    ["preview", "filters"],
+    ["panels"],
+    ["preview", "movie", "filters"],
     ["cli"],
 ]
 LAYER = {name: number for number, names in enumerate(LAYERS) for name in names}
@@ -72,7 +74,7 @@ def test_imports_run_one_way() -> None:
 def test_solvers_import_one_way() -> None:
     order = [
         "precision", "solution", "validation", "loop", "anchors", "goals", "system", "rows", "refinement", "jacobi", "cg", "multigrid", "direct",
-        "solver", "states", "choice", "least_squares", "__init__",
+        "solver", "states", "constrained", "choice", "least_squares", "__init__",
     ]  # fmt: skip
     place = {name: number for number, name in enumerate(order)}
     for path in (ROOT / "solvers").rglob("*.py"):
@@ -80,7 +82,7 @@ def test_solvers_import_one_way() -> None:
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("oneform_warp.solvers."):
                 other = str(node.module).split(".")[2]
-                assert place[other] < place[name] or (other == name and name in ("multigrid", "direct")), (
+                assert place[other] < place[name] or (other == name and name in ("multigrid", "direct", "constrained")), (
                     f"{path.name} imports {other}"
                 )
 
