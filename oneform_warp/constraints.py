@@ -240,12 +240,15 @@ def _named(what: str, vertices: Integers) -> str:
 
 
 def _vertices(vertices: Any, name: str) -> Integers:
+    """Vertices by number, or by a mask (V,), as numbers."""
     array = np.atleast_1d(as_numpy(vertices))
+    if array.dtype == bool and array.ndim == 1:
+        array = np.flatnonzero(array)
     if array.ndim != 1 or not len(array) or array.dtype.kind not in "iu" or (array < 0).any():
         raise InputError(
             f"a {array.dtype} array of shape {array.shape} names no vertices",
             where=name,
-            fix="give one or more vertex numbers >= 0 (np.flatnonzero of a mask)",
+            fix="give one or more vertex numbers >= 0, or a mask",
         )
     if len(np.unique(array)) < len(array):
         raise InputError("a vertex is listed twice", where=name, fix="list each once")
