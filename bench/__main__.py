@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from bench import edit, iteration, many, plots, roofline, scale, solve, stages
+from bench import chain, edit, iteration, many, plots, roofline, scale, solve, stages
 from bench.options import options
 
 
@@ -12,7 +12,7 @@ def main() -> None:
     given = options()
     for script in (stages, iteration):
         script.main(given.full)
-    for script in (edit, many, scale, roofline):
+    for script in (edit, many, scale, roofline, chain):
         script.main(replace(given, sizes=()))
     solve.main(given)
     plots.main()

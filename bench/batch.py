@@ -1,6 +1,9 @@
-"""A batch against a bare loop of the same chain in as many processes, and the memory of its parent over many files.
+"""A batch against a bare loop of the same chain in as many processes; many small files, one by one and together.
 
-python -m bench.batch [--files 200] [--vertices 20000] [--small 1000]
+python -m bench.batch [--files 200] [--vertices 20000] [--small 1000] [--small-vertices 2000] [--jobs 2]
+
+Small files are also timed with `together`, which on a GPU solves them as one graph; the bytes have to be the same. The
+memory of the parent is read after each of them.
 """
 
 from __future__ import annotations
@@ -81,13 +84,13 @@ def cpu_seconds() -> float:
     )
 
 
-def batch(folder: Path, out: Path, workers: int) -> tuple[float, list[int]]:
+def batch(folder: Path, out: Path, workers: int, together: int | None = None) -> tuple[float, list[int]]:
     """Seconds of a batch, and the memory of this process after each file."""
     from oneform_warp.filters.batch import run_batch
 
     memory = ParentMemory()
     begin = time.perf_counter()
-    result = run_batch(RECIPE, [folder], out, name="{name}{ext}", jobs=workers, progress=memory)
+    result = run_batch(RECIPE, [folder], out, name="{name}{ext}", jobs=workers, together=together, progress=memory)
     if result.exit_code:
         raise SystemExit(str(result.failures[0]))
     return time.perf_counter() - begin, memory.bytes
@@ -98,33 +101,55 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--files", type=int, default=200)
     parser.add_argument("--vertices", type=int, default=20_000)
-    parser.add_argument("--small", type=int, default=1000, help="files of 500 vertices for the memory; 0 for none")
+    parser.add_argument("--small", type=int, default=1000, help="how many small files; 0 for none")
+    parser.add_argument("--small-vertices", type=int, default=500)
+    parser.add_argument("--jobs", type=int, default=2, help="workers for the small files")
     given = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
         here = Path(name)
-        paths = write_files(here / "in", given.files, given.vertices)
-        print(f"{given.files} files of {given.vertices:,} vertices: wall seconds (processor seconds)")
-        for workers in (1, 2):
-            marks = [cpu_seconds()]
-            bare = loop(paths, here / "bare", workers)
-            marks.append(cpu_seconds())
-            ours, _ = batch(here / "in", here / "out", workers)
-            marks.append(cpu_seconds())
-            busy = np.diff(marks)
-            told = f"loop {bare:.1f} ({busy[0]:.1f}), batch {ours:.1f} ({busy[1]:.1f})"
-            ratios = f"{ours / bare:.3f} ({busy[1] / busy[0]:.3f})"
-            print(f"  {workers} process(es): {told}, ratio {ratios}", flush=True)
-            for path in paths:
-                if (here / "bare" / path.name).read_bytes() != (here / "out" / path.name).read_bytes():
-                    raise SystemExit(f"{path.name} differs")
-            shutil.rmtree(here / "bare")
-            shutil.rmtree(here / "out")
+        paths = write_files(here / "in", given.files, given.vertices) if given.files else []
+        if given.files:
+            print(f"{given.files} files of {given.vertices:,} vertices: wall seconds (processor seconds)")
+            against_a_loop(here, paths)
         if given.small:
-            write_files(here / "small", given.small, 500)
-            seconds, rss = batch(here / "small", here / "out", 2)
-            marks = sorted({0, given.small // 10, given.small // 2, given.small - 1})
-            told = ", ".join(f"{rss[mark] / 1e6:.1f} after {mark + 1}" for mark in marks)
-            print(f"{given.small} small files in {seconds:.1f} s; MB of the parent: {told}")
+            write_files(here / "small", given.small, given.small_vertices)
+            small_files(here, given.small, given.jobs)
+
+
+def against_a_loop(here: Path, paths: list[Path]) -> None:
+    """Both, with one process and with two."""
+    for workers in (1, 2):
+        marks = [cpu_seconds()]
+        bare = loop(paths, here / "bare", workers)
+        marks.append(cpu_seconds())
+        ours, _ = batch(here / "in", here / "out", workers)
+        marks.append(cpu_seconds())
+        busy = np.diff(marks)
+        told = f"loop {bare:.1f} ({busy[0]:.1f}), batch {ours:.1f} ({busy[1]:.1f})"
+        ratios = f"{ours / bare:.3f} ({busy[1] / busy[0]:.3f})"
+        print(f"  {workers} process(es): {told}, ratio {ratios}", flush=True)
+        check_same(here / "bare", here / "out")
+        shutil.rmtree(here / "bare")
+        shutil.rmtree(here / "out")
+
+
+def small_files(here: Path, count: int, workers: int) -> None:
+    """One by one and together, and what the parent needs meanwhile."""
+    batch(here / "small", here / "first", workers, 1)  # compiles
+    seconds, rss = batch(here / "small", here / "apart", workers, 1)
+    marks = sorted({0, count // 10, count // 2, count - 1})
+    told = ", ".join(f"{rss[mark] / 1e6:.1f} after {mark + 1}" for mark in marks)
+    print(f"{count} small files, {workers} workers: {seconds:.1f} s one by one, MB of the parent: {told}", flush=True)
+    together, _ = batch(here / "small", here / "together", workers, 128)
+    check_same(here / "apart", here / "together")
+    print(f"  {together:.1f} s together ({seconds / together:.2f} times as fast), the same bytes")
+
+
+def check_same(one: Path, other: Path) -> None:
+    """End with the name of a file that differs."""
+    for path in sorted(one.glob("*.ply")):
+        if path.read_bytes() != (other / path.name).read_bytes():
+            raise SystemExit(f"{path.name} differs")
 
 
 if __name__ == "__main__":

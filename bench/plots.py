@@ -115,7 +115,33 @@ def large(rows: Rows) -> Any:
     return lines(rows, ["graph s", "structure s", "prepare s", "again s"], "seconds")
 
 
-DRAW = {f.__name__: f for f in (solve, edit, first, scale, large, many, roofline, stages, iteration)}
+def survey(rows: Rows) -> Any:
+    """ARAP energy, over the least of each case, against time; what stays behind is high."""
+    rows = [r for r in rows if "ms" in r]
+    names = [name for name in dict.fromkeys(r["case"] for r in rows) if "270" not in name and "720" not in name]
+    across = 4
+    down = -(-len(names) // across)
+    figure, panels = plt.subplots(down, across, figsize=(12.0, 2.6 * down), squeeze=False)
+    for panel in panels.ravel()[len(names) :]:
+        panel.set_axis_off()
+    for panel, name in zip(panels.ravel(), names, strict=False):
+        of_case = [r for r in rows if r["case"] == name]
+        least = min(r["ARAP"] for r in of_case)
+        for kind, colour in (("ours", OURS), ("libigl", PEERS), ("Open3D", "tab:orange")):
+            line = sorted((r for r in of_case if r["method"].startswith(kind)), key=lambda r: r["ms"])
+            panel.plot([r["ms"] for r in line], [r["ARAP"] / least for r in line], ".-", color=colour, label=kind)
+        panel.set(xscale="log", title=name, xlabel="ms", ylabel="ARAP / least")
+        panel.title.set_fontsize(9)
+    panels[0, 0].legend(fontsize=7)
+    return figure
+
+
+def arap(rows: Rows) -> Any:
+    columns = ["ours ms", *(["libigl ms"] if all(isinstance(r["libigl ms"], float) for r in rows) else [])]
+    return lines(rows, columns, "milliseconds a step")
+
+
+DRAW = {f.__name__: f for f in (solve, edit, first, scale, large, many, roofline, stages, iteration, survey, arap)}
 
 
 def main() -> None:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oneform_warp.errors import FileError
-from oneform_warp.filters.formats import GltfRecords, ObjRecords, OffRecords, Records, StlRecords
+from oneform_warp.filters.formats import GltfRecords, ObjRecords, OffRecords, PlyRecords, Records, StlRecords
 from oneform_warp.filters.formats.motion import Floats, corner_normals
 from oneform_warp.filters.formats.records import packed_triangles
 
@@ -37,10 +37,17 @@ class Loaded:
     handle: Any = field(default=None, repr=False)
 
 
-def load(path: Path, backend: Backend, records: Records | None, mesh_set: Any = None) -> Loaded:
-    """Read by the wanted library, or by the first one that can; glTF is read as it stands."""
+def load(path: Path, backend: Backend, records: Records | None, mesh_set: Any = None, *, later: bool = False) -> Loaded:
+    """Read by the wanted library, or by the first one that can; glTF is read as it stands.
+
+    later: so is what MeshLab would read no otherwise, and it does so when the mesh set needs it.
+    """
     if isinstance(records, GltfRecords):
         return _load_scene(records, mesh_set)
+    plain = records.plain() if later and isinstance(records, PlyRecords) else None
+    if plain is not None:
+        mesh_set.load_later(path, *plain)
+        return Loaded("ply", *plain)
     loaded = _load(path, backend, records, mesh_set)
     if isinstance(records, StlRecords) and len(loaded.triangles) != records.faces:
         return _load_soup(records, mesh_set)

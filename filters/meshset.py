@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from oneform_warp.errors import InputError
 from oneform_warp.filters.attributes import SCENES, Parts, add_attributes, loadable, named_parts
+from oneform_warp.filters.deferred import DeferredMeshSet
 from oneform_warp.filters.filter import Filter
 from oneform_warp.filters.handle_set import HandleSet
 from oneform_warp.filters.native import (
@@ -24,6 +23,7 @@ from oneform_warp.filters.native import (
     plain_values,
     same_folder,
 )
+from oneform_warp.filters.parameters import Length
 from oneform_warp.filters.registry import own_filters
 from oneform_warp.filters.script import Script
 from oneform_warp.filters.step import Step
@@ -31,20 +31,19 @@ from oneform_warp.filters.step import Step
 __all__ = ["MeshSet"]
 
 
-class MeshSet(pymeshlab.MeshSet):  # type: ignore[misc]
+class MeshSet(DeferredMeshSet):
     """Everything that a pymeshlab.MeshSet is, with more filters.
 
     `apply_filter(name, ...)` and methods named after the filters work for all of them. Handles belong to a mesh, by
-    its id; `handle_sets` has them.
+    its id; `handle_sets` has them. deferred: MeshLab gets new positions only when it is asked for something.
     """
 
-    def __init__(self, verbose: bool = False) -> None:
-        super().__init__(verbose)
+    def __init__(self, verbose: bool = False, *, deferred: bool = False) -> None:
+        super().__init__(verbose, deferred=deferred)
         self.handle_sets: dict[int, HandleSet] = {}
         self._files: dict[int, Path] = {}
         self._parts: dict[int, tuple[int, Parts]] = {}
         self._script = Script()
-        self._quiet = False
 
     # ------------------------------------------------------------------ filters
 
@@ -117,57 +116,26 @@ class MeshSet(pymeshlab.MeshSet):  # type: ignore[misc]
         """The diagonal of the current mesh's bounding box."""
         if not self.mesh_number():
             raise InputError(f"{own.name} requires at least one mesh loaded in the MeshSet.")
-        return float(self.current_mesh().bounding_box().diagonal())
-
-    @contextmanager
-    def _unrecorded(self) -> Iterator[None]:
-        """Filters that a filter of ours applies are no steps of the script."""
-        before, self._quiet = self._quiet, True
-        try:
-            yield
-        finally:
-            self._quiet = before
+        if not any(isinstance(parameter, Length) for parameter in own.parameters):
+            return 0.0  # and nobody will ask
+        positions = self._positions()
+        return float(np.linalg.norm([np.ptp(column) for column in positions.T])) if len(positions) else 0.0
 
     # ------------------------------------------------------------------ what filters of ours build on
 
     def placed_handles(self) -> HandleSet:
         """The handles of the current mesh, or a new empty set; StaleHandles where its vertices are others now."""
-        mesh = self.current_mesh()
-        if not np.array_equal(mesh.transform_matrix(), np.eye(4)):
-            what = "the mesh has a transform matrix that its vertices do not have yet"
-            raise InputError(what, where=mesh.label(), fix="apply_matrix_freeze comes first")
-        positions, faces = self._positions_and_faces()
+        if not self.unread:
+            mesh = pymeshlab.MeshSet.current_mesh(self)  # where its vertices are does not matter
+            if not np.array_equal(mesh.transform_matrix(), np.eye(4)):
+                what = "the mesh has a transform matrix that its vertices do not have yet"
+                raise InputError(what, where=mesh.label(), fix="apply_matrix_freeze comes first")
+        positions, faces = self._positions(), self._faces()
         placed = self.handle_sets.get(self.current_mesh_id())
         if placed is None:
             placed = self.handle_sets[self.current_mesh_id()] = HandleSet(positions, faces)
         placed.meet(positions, faces)
         return placed
-
-    def _positions_and_faces(self) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
-        mesh = self.current_mesh()
-        faces = mesh.face_matrix() if mesh.face_number() else np.zeros((0, 3))
-        positions = np.ascontiguousarray(mesh.vertex_matrix(), dtype=np.float64)
-        return positions, np.ascontiguousarray(faces, dtype=np.int32)
-
-    def set_vertex_matrix(self, positions: ArrayLike) -> None:
-        """Moves the vertices of the current mesh to positions (V, 3), every bit; all its attributes stay."""
-        points = np.ascontiguousarray(positions, dtype=np.float64)
-        mesh, current = self.current_mesh(), self.current_mesh_id()
-        if points.shape != (mesh.vertex_number(), 3) or not np.isfinite(points).all():
-            raise InputError(f"positions {points.shape} for {mesh.vertex_number()} vertices", fix="give finite (V, 3)")
-        if np.array_equal(points, mesh.vertex_matrix()):
-            return
-        if not mesh.face_number():
-            raise InputError("pymeshlab moves no points without faces", where=mesh.label(), fix="add a mesh anew")
-        with self._unrecorded():
-            self.add_mesh(pymeshlab.Mesh(points))
-            target = self.current_mesh_id()
-            super().set_current_mesh(current)
-            for _ in range(2):  # the first pass leaves rounding errors of the difference, the second one none
-                self.apply_filter("compute_coord_linear_morphing", targetmesh=target, percentmorph=100)
-            super().set_current_mesh(target)
-            self.apply_filter("delete_current_mesh")
-            super().set_current_mesh(current)
 
     def set_vertex_scalar_array(self, values: ArrayLike) -> None:
         """Writes the quality (V,) of the current mesh, every bit.
@@ -175,7 +143,7 @@ class MeshSet(pymeshlab.MeshSet):  # type: ignore[misc]
         pymeshlab has no setter, and a custom attribute cannot be removed again: the values go by the coordinates.
         """
         quality = np.ascontiguousarray(values, dtype=np.float64)
-        positions, _ = self._positions_and_faces()
+        positions = self.vertex_matrix()
         if quality.shape != (len(positions),):
             raise InputError(f"quality {quality.shape} for {len(positions)} vertices", fix="give (V,)")
         self.set_vertex_matrix(np.stack([quality, *np.zeros((2, len(quality)))], axis=1))
@@ -236,6 +204,7 @@ class MeshSet(pymeshlab.MeshSet):  # type: ignore[misc]
 
     def clear(self) -> None:
         """Deletes all meshes, and the handles on them."""
+        self._ahead = None
         super().clear()
         self.handle_sets.clear()
         self._files.clear()
@@ -274,7 +243,7 @@ class MeshSet(pymeshlab.MeshSet):  # type: ignore[misc]
 
     def apply_filter_script(self) -> None:
         """Applies the filters of the script, in order."""
-        with self._unrecorded():
+        with self._unrecorded(), self.deferred():
             for step in self.steps:
                 self.apply_step(step)
 

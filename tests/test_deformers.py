@@ -7,6 +7,7 @@ import pytest
 import warp as wp
 
 import oneform_warp as ow
+from oneform_warp.order import Boxes, along_a_curve
 
 # Both solve to 1e-6 of |codiff v|; the position error is up to the condition number of the shapes below times that.
 ALONE = 2e-4
@@ -37,6 +38,62 @@ def test_each_comes_out_as_alone(solver: object, device: str) -> None:
         alone = ow.Deformer(x, faces, solver=ow.SuperLU(), device=device).solve(some).x
         assert np.abs(y - alone).max() < ALONE * np.ptp(x, axis=0).max()
         assert (y[some[0].vertices] == x[some[0].vertices]).all()
+
+
+def loose() -> tuple[np.ndarray, np.ndarray]:
+    """Two bars, a vertex without an edge, and two vertices at one place."""
+    x, faces = ow.shapes.bar(segments=9, sides=3)
+    both = np.concatenate([x, x[:1], 0.7 * x + [3.0, 0.0, 0.0], [[9.0, 9.0, 0.2]]])
+    return both, np.concatenate([faces, [[len(x), *faces[0, 1:]]], faces + len(x) + 1])
+
+
+def several(rng: np.random.Generator, count: int) -> list[tuple[tuple[np.ndarray, object], list[ow.Handle]]]:
+    """Meshes of all kinds, anywhere and of any size, with up to three handles that turn, stretch, hold, or leave free."""
+    made = []
+    for _ in range(count):
+        x, faces = [*meshes(), loose()][rng.integers(5)]
+        x = (x + 0.004 * np.ptp(x) * rng.normal(size=x.shape)) * 10.0 ** rng.integers(-3, 4) + rng.normal(size=3)
+        z = (x[:, 2] - x[:, 2].min()) / np.ptp(x[:, 2])
+        bands = [
+            ow.Handle(z < 0.1, held=True),
+            ow.Handle(z > 0.9, axis=rng.normal(size=3), angle=rng.uniform(-400, 400)),
+        ]
+        stretch, rotation = [(1.0, None), (1.7, np.zeros(3)), (None, rng.normal(size=3))][rng.integers(3)]
+        bands += [ow.Handle((z > 0.4) & (z < 0.6), rotation=rotation, stretch=stretch)] * rng.integers(2)
+        made.append(((x, faces), bands[rng.integers(2) :]))
+    return made
+
+
+@pytest.mark.parametrize("solver", [ow.CG(), ow.CG(dtype="float64")])
+@pytest.mark.parametrize("seed", range(4))
+def test_each_has_the_bits_that_it_has_alone(solver: object, seed: int, device: str) -> None:
+    chosen = several(np.random.default_rng(seed), 6)
+    found = ow.Deformers([mesh for mesh, _ in chosen], solver=solver, device=device).solve([some for _, some in chosen])
+    for number, ((x, faces), some) in enumerate(chosen):
+        alone = ow.Deformer(x, faces, solver=solver, device=device).solve(some)
+        assert (found.x[number] == alone.x).all()
+        assert found.converged[number] == alone.converged
+        assert found.energy[number] == pytest.approx(alone.energy, rel=1e-9)  # summed in another order
+        assert found.residual[number] == pytest.approx(max(_worst(s) for s in alone.solutions), rel=1e-9)
+        assert found.noted[number] == bool(alone.warnings or not alone.converged)
+
+
+def _worst(solution: object) -> float:
+    residual, goal = solution.residual, solution.goal  # type: ignore[attr-defined]
+    return float(np.where(residual > 0.0, residual / np.where(goal > 0.0, goal, 1e-300), 0.0).max(initial=0.0))
+
+
+def test_order_along_the_curve_is_that_of_each_mesh_alone() -> None:
+    x = np.concatenate([np.random.default_rng(0).normal(size=(40, 3)), 1e4 + np.random.default_rng(1).random((30, 3))])
+    mesh_of = np.repeat([0, 1], [40, 30]).astype(np.int32)
+    every = wp.array(np.arange(70), dtype=wp.int32, device="cpu")
+    order = along_a_curve(wp.array(x, dtype=wp.vec3d, device="cpu"), every, Boxes.of(x, mesh_of, "cpu")).numpy()
+    for mesh in (0, 1):
+        own = x[mesh_of == mesh]
+        box = Boxes(own.min(axis=0)[None], own.max(axis=0)[None], wp.zeros(0, dtype=wp.int32, device="cpu"))
+        numbers = wp.array(np.arange(len(own)), dtype=wp.int32, device="cpu")
+        alone = along_a_curve(wp.array(own, dtype=wp.vec3d, device="cpu"), numbers, box).numpy()
+        assert (order[mesh_of[order] == mesh] - 40 * mesh == alone).all()
 
 
 def test_flat_meshes_stay_flat() -> None:
@@ -104,3 +161,14 @@ WRONG = [
 def test_errors_name_the_mesh(message: str, call: object) -> None:
     with pytest.raises(ow.InputError, match=message):
         call()  # type: ignore[operator]
+
+
+def test_what_is_worth_a_look_is_noted_of_its_mesh_alone() -> None:
+    long, thick, coarse = ow.shapes.bar(), ow.shapes.bar(segments=40, sides=8), ow.shapes.bar(segments=3, sides=1)
+    given = [long, (thick[0] * [4.0, 4.0, 1.0], thick[1]), coarse, long]
+    chosen = [handles(given[k][0], angle) for k, angle in enumerate((30.0, 1440.0, 300.0, 40.0))]
+    words = [ow.Deformer(x, f, solver=ow.CG()).solve(h).warnings for (x, f), h in zip(given, chosen, strict=True)]
+    assert any("the edges miss" in text for text in words[1])
+    assert not any("45 degrees" in text for text in words[1])
+    assert any("45 degrees" in text for text in words[2])
+    assert ow.Deformers(given, solver=ow.CG()).solve(chosen).noted.tolist() == [False, True, True, False]

@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from oneform_warp.errors import InputError
+from oneform_warp.filters.batch.bundle import TOGETHER, run_together
 from oneform_warp.filters.batch.inputs import find_sources
 from oneform_warp.filters.batch.journal import read_done
 from oneform_warp.filters.batch.memory import fair_share
@@ -42,6 +43,7 @@ def run_batch(
     dry_run: bool = False,
     shard: str | None = None,
     cluster: str | None = None,
+    together: int | None = None,
     progress: BatchProgress | None = None,
 ) -> BatchResult:
     """Run a recipe over files, folders and globs; outputs and journal.jsonl go below `out`.
@@ -50,6 +52,7 @@ def run_batch(
     pattern of outputs, in place of the recipe's. jobs: worker processes, default one for each core. timeout in
     seconds and memory in bytes limit each file; default 600, and an equal share of the machine. shard: "I/N", this
     machine's part. cluster: the address of a dask scheduler that does the work, with `out` on a disk that all share.
+    together: how many small files a worker loads and solves at once; default 128 on a GPU of this machine, else 1.
     Files that cannot be done are failures of the result. Raises InputError before the first file for a recipe, option
     or input that cannot be used, for outputs that collide, and where `out` cannot be written to or is in use.
     A script that calls this does so below `if __name__ == "__main__":`, since workers import it.
@@ -58,6 +61,7 @@ def run_batch(
     checked = _recipe(recipe)
     part = Shard.parsed(shard) if shard is not None else Shard()
     workers = _cores() if jobs is None else int(_positive("jobs", jobs))
+    bundle = None if together is None else int(_positive("together", together))
     limits = Limits(_positive("timeout", timeout), int(_positive("memory", memory or fair_share(workers))))
     pattern = checked.output.name if name is None else checked_pattern(name, "name")
     folder = Path(os.path.abspath(os.path.expanduser(out)))
@@ -75,8 +79,10 @@ def run_batch(
         tally.refuse(todo)
         files = list(_jobs(todo, space.scratch, checked))
         if files:
-            with _pool(checked, min(workers, len(files)), limits, cluster) as pool:
-                for results in pool.run(work, files):
+            workers = min(workers, len(files))
+            with _pool(checked, workers, limits, cluster) as (pool, gpus):
+                usual = TOGETHER if gpus and checked.has_own_steps else 1
+                for results in run_together(pool, files, bundle or usual, workers):
                     tally.take(results)
     return tally.result(folder, len(tasks), len(kept), time.perf_counter() - begin)
 
@@ -98,27 +104,25 @@ def _jobs(tasks: Iterable[Task], scratch: Path, recipe: Recipe) -> Iterator[Job]
 
 
 @contextmanager
-def _pool(recipe: Recipe, workers: int, limits: Limits, cluster: str | None) -> Iterator[Pool]:
-    """Where the files are done, kernels compiled."""
+def _pool(recipe: Recipe, workers: int, limits: Limits, cluster: str | None) -> Iterator[tuple[Pool, int]]:
+    """Where the files are done, kernels compiled, and how many GPUs there are as far as one knows."""
     if cluster is not None:
         from oneform_warp.filters.batch.cluster import ClusterPool
 
         with ClusterPool(cluster, limits) as distant:
-            yield distant
+            yield distant, 0
         return
     with LocalPool(workers, limits, modules=(work.__module__,)) as pool:
-        if recipe.has_own_steps:
-            _warm(pool)
-        yield pool
+        yield pool, _warm(pool) if recipe.has_own_steps else 0
 
 
-def _warm(pool: LocalPool) -> None:
-    """Compile in one worker what all of them need, while the others import."""
-    for results in pool.run(warm_up, [None], seconds=COMPILING):
-        for _, failure in results:
-            if isinstance(failure, Failure):
-                fix = "`oneform-warp doctor` says more; a script calls run_batch below if __name__ == '__main__'"
-                raise InputError(f"a trial deformation failed: {failure.reason}", where="warm-up", fix=fix)
+def _warm(pool: LocalPool) -> int:
+    """Compile in one worker what all of them need, while the others import; -> how many GPUs it sees."""
+    (((_, gpus),),) = pool.run(warm_up, [None], seconds=COMPILING)
+    if isinstance(gpus, Failure):
+        fix = "`oneform-warp doctor` says more; a script calls run_batch below if __name__ == '__main__'"
+        raise InputError(f"a trial deformation failed: {gpus.reason}", where="warm-up", fix=fix)
+    return gpus
 
 
 def _cores() -> int:

@@ -12,7 +12,7 @@ __all__ = ["warm_up"]
 SEGMENTS = (4, 64)  # few vertices and many: each has a solver of its own by default
 
 
-def warm_up(_: None) -> None:
+def warm_up(_: None) -> int:
     """Deform bars of both sizes, so that the kernels lie in Warp's cache, and count the GPUs for the workers.
 
     The parent does not ask for them itself: CUDA would start there, and take memory of a GPU.
@@ -24,4 +24,6 @@ def warm_up(_: None) -> None:
         low, high = np.quantile(x[:, 2], (0.1, 0.9))
         handles = [Handle(x[:, 2] <= low, held=True), Handle(x[:, 2] >= high, axis="z", angle=30)]
         deform(x, faces, handles)
-    share_gpus(wp.get_cuda_device_count())
+    gpus = int(wp.get_cuda_device_count())
+    share_gpus(gpus)
+    return gpus

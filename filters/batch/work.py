@@ -4,16 +4,18 @@ import hashlib
 import os
 import tempfile
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from oneform_warp.errors import FileError, InputError
 from oneform_warp.filters.batch.worker import take_gpu
 from oneform_warp.filters.chain import Chain, ChainReport
+from oneform_warp.filters.passage import FilePassage
 from oneform_warp.filters.recipe import Recipe
 
-__all__ = ["Failure", "Job", "Made", "digest_of", "reason_of", "work"]
+__all__ = ["Bench", "Failure", "Job", "Made", "chain_of", "digest_of", "reason_of", "work"]
 
 
 @dataclass(frozen=True)
@@ -53,45 +55,85 @@ _last: tuple[Recipe, Chain] | None = None
 
 def work(job: Job) -> Made | Failure:
     """Read the input, run the chain, and bring the output and its companions to the disk, in a folder of their own."""
-    before, part = Path.cwd(), job.scratch
     take_gpu()
-    try:
-        # Never the same folder twice: a run that was killed may have a worker left that still writes.
-        part = Path(tempfile.mkdtemp(prefix=f"{job.number}-", dir=job.scratch))
-        # A filter that writes a file by a relative name writes it here, where it is swept away.
-        (part / "aside").mkdir()
-        os.chdir(part / "aside")
-        return _made(job, part)
-    except Exception as error:  # noqa: BLE001  # importers and filters raise anything
-        return Failure(_no_room(job.scratch) or reason_of(error).replace(f"{part}{os.sep}", ""))
-    finally:
-        os.chdir(before)  # a file that MeshLab cannot read leaves the process in that file's folder
+    bench = Bench(job)
+    bench.load()
+    return bench.finish()
 
 
-def _made(job: Job, part: Path) -> Made:
-    begin = time.perf_counter()
-    _check_name(job.source)
-    written = part / job.output.rpartition("/")[2]  # under the name that it will have, which companions may be named by
-    found = os.stat(job.source)
-    digest = digest_of(job.source)
-    hashed = time.perf_counter()
-    report = _chain(job.recipe).process(job.source, written)
-    after = os.stat(job.source)
-    if (after.st_size, after.st_mtime_ns) != (found.st_size, found.st_mtime_ns):
-        raise InputError("the file was changed while it was read", fix="run the batch again")
-    if not written.is_file():
-        raise InputError("nothing was written", fix="choose another format")
-    synced = time.perf_counter()
-    written_too = (path for path in sorted(part.rglob("*")) if path.is_file() and part / "aside" not in path.parents)
-    files = {path.relative_to(part).as_posix(): _synced(path) for path in written_too}
-    full = _no_room(part)
-    if full is not None:  # some of MeshLab's formats are cut off then, without an error
-        raise InputError(full)
-    seconds = {"hash": hashed - begin, **report.seconds, "sync": time.perf_counter() - synced}
-    return Made(found.st_size, digest, part, files, report, seconds)
+class Bench:
+    """One file while it is worked on, in a folder of its own; what goes wrong is kept, and ends the work."""
+
+    def __init__(self, job: Job) -> None:
+        self.job = job
+        self.passage: FilePassage | None = None
+        self._part = job.scratch
+        self._failure: Failure | None = None
+
+    def load(self) -> None:
+        """Make the folder, and load the file."""
+        with self._inside():
+            # Never the same folder twice: a run that was killed may have a worker left that still writes.
+            self._part = Path(tempfile.mkdtemp(prefix=f"{self.job.number}-", dir=self.job.scratch))
+            # A filter that writes a file by a relative name writes it here, where it is swept away.
+            (self._part / "aside").mkdir()
+            os.chdir(self._part / "aside")
+            begin = time.perf_counter()
+            _check_name(self.job.source)
+            # Under the name that it will have, which companions may be named by.
+            self._written = self._part / self.job.output.rpartition("/")[2]
+            self._found = os.stat(self.job.source)
+            self._digest = digest_of(self.job.source)
+            self._hashing = time.perf_counter() - begin
+            self.passage = chain_of(self.job.recipe).begin(self.job.source, self._written)
+
+    def run(self, end: int) -> None:
+        """Apply the steps before number `end`, from 0."""
+        with self._inside():
+            if self.passage is not None:
+                self.passage.run(end)
+
+    def finish(self) -> Made | Failure:
+        """Apply the other steps, and write."""
+        made: Made | None = None
+        with self._inside():
+            if self.passage is not None:
+                self.passage.run()
+                made = self._made(self.passage.save("rotate"))
+        self.passage = None
+        return made or self._failure or Failure("nothing was done")
+
+    def _made(self, report: ChainReport) -> Made:
+        after, found = os.stat(self.job.source), self._found
+        if (after.st_size, after.st_mtime_ns) != (found.st_size, found.st_mtime_ns):
+            raise InputError("the file was changed while it was read", fix="run the batch again")
+        if not self._written.is_file():
+            raise InputError("nothing was written", fix="choose another format")
+        begin, part = time.perf_counter(), self._part
+        written = (path for path in sorted(part.rglob("*")) if path.is_file() and part / "aside" not in path.parents)
+        files = {path.relative_to(part).as_posix(): _synced(path) for path in written}
+        full = _no_room(part)
+        if full is not None:  # some of MeshLab's formats are cut off then, without an error
+            raise InputError(full)
+        seconds = {"hash": self._hashing, **report.seconds, "sync": time.perf_counter() - begin}
+        return Made(found.st_size, self._digest, part, files, report, seconds)
+
+    @contextmanager
+    def _inside(self) -> Iterator[None]:
+        """In the file's own folder once there is one, and back; an exception becomes the failure."""
+        return_to = Path.cwd()
+        try:
+            if self.passage is not None:
+                os.chdir(self._part / "aside")
+            yield
+        except Exception as error:  # noqa: BLE001  # importers and filters raise anything
+            reason = _no_room(self.job.scratch) or reason_of(error).replace(f"{self._part}{os.sep}", "")
+            self._failure, self.passage = Failure(reason), None
+        finally:
+            os.chdir(return_to)  # a file that MeshLab cannot read leaves the process in that file's folder
 
 
-def _chain(recipe: Recipe) -> Chain:
+def chain_of(recipe: Recipe) -> Chain:
     """The chain of a recipe, made once for all files that this process does."""
     global _last
     if _last is None or _last[0] != recipe:

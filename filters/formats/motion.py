@@ -31,7 +31,8 @@ class Motion:
     @cached_property
     def rows(self) -> NDArray[np.int64]:
         """The records that are elsewhere afterwards."""
-        return np.flatnonzero((self.before != self.after).any(axis=1))
+        moved = self.before != self.after
+        return np.flatnonzero(moved[:, 0] | moved[:, 1] | moved[:, 2])
 
     def turned(self, stored: Floats, vertices: NDArray[np.int64], corners: NDArray[np.int64]) -> Floats:
         """Normals (n, 3), stored at vertices (n,), after the motion; bit for bit where nothing turns.

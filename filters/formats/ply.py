@@ -84,12 +84,47 @@ class PlyRecords(Records):
         return {name: self._column(name) for name, each in properties.items() if each.count is None}
 
     def _column(self, name: str) -> Floats:
-        kind = self.elements["vertex"].properties[name].type
-        return self.body.read(self._vertex[name].places, kind).astype(kind).astype(np.float64)
+        return self._table([name])[:, 0]
+
+    def _table(self, names: Sequence[str]) -> Floats:
+        """Properties of the vertices as columns, (V, len(names))."""
+        kind = self.elements["vertex"].properties[names[0]].type
+        first = self._vertex[names[0]].places
+        if self._stand_together(names):
+            return self.body.read(first, kind, len(names)).astype(kind).astype(np.float64)
+        return np.concatenate([self._table([name]) for name in names], axis=1)
+
+    def _stand_together(self, names: Sequence[str]) -> bool:
+        """Whether properties follow each other in every record, in this order and with one type."""
+        properties = self.elements["vertex"].properties
+        listed = list(properties)
+        at = listed.index(names[0])
+        types = {(properties[name].type, properties[name].count) for name in names}
+        return listed[at : at + len(names)] == list(names) and types == {(properties[names[0]].type, None)}
 
     def positions(self) -> Floats:
         """The properties x, y and z."""
-        return np.stack([self._column(axis) for axis in "xyz"], axis=1)
+        return self._table("xyz")
+
+    def plain(self) -> tuple[Floats, NDArray[np.int32]] | None:
+        """Positions (V, 3) and triangles (F, 3) where MeshLab would read the very same; None where it may not.
+
+        It reads digits in its own way, cuts larger faces, leaves out degenerate ones, and takes flags at their word.
+        """
+        face, vertex = self.elements.get("face"), self.elements["vertex"]
+        name = next((name for name in FACE_LISTS if face and name in face.properties), None)
+        if self.format == "ascii" or face is None or name is None or "flags" in {*vertex.properties, *face.properties}:
+            return None
+        try:
+            polygons = self.polygons() if face.properties[name].type in ("i4", "u4") else None
+        except (ValueError, IndexError):
+            return None
+        if polygons is None or not self.faces or len(polygons[0]) != 3 * self.faces:
+            return None
+        triangles = polygons[0].reshape(-1, 3)
+        a, b, c = triangles.T
+        whole = (np.diff(polygons[1]) == 3).all() and not ((a == b) | (b == c) | (c == a)).any()
+        return (self.positions(), triangles) if whole else None
 
     def polygons(self) -> Polygons | None:
         """The lists of vertex indices; None where there are none, as with triangle strips."""
@@ -98,11 +133,14 @@ class PlyRecords(Records):
         if face is None or name is None:
             return None
         column, kind = self._columns("face")[name], face.properties[name].type
+        if isinstance(column.counts, int) and column.counts:
+            indices = self.body.read(column.places, kind, column.counts).astype(np.int32).ravel()
+            return indices, np.arange(self.faces + 1, dtype=np.int32) * column.counts
         counts = np.broadcast_to(column.counts, column.places.shape)
         offsets = np.concatenate([[0], np.cumsum(counts)])
         within = np.arange(offsets[-1]) - np.repeat(offsets[:-1], counts)
         places = np.repeat(column.places, counts) + within * self.body.size(kind)
-        return self.body.read(places, kind).astype(np.int32), offsets.astype(np.int32)
+        return self.body.read(places, kind)[:, 0].astype(np.int32), offsets.astype(np.int32)
 
     def companions(self) -> tuple[str, ...]:
         """The textures that MeshLab names in comments."""
@@ -129,7 +167,7 @@ class PlyRecords(Records):
         edits = self._edits(("x", "y", "z"), motion.rows, motion.after)
         names, properties = ("nx", "ny", "nz"), self.elements["vertex"].properties
         if all(name in properties and properties[name].type[0] == "f" for name in names):
-            stored = np.stack([self._column(name) for name in names], axis=1)
+            stored = self._table(names)
             turned = motion.turned_at_vertices(stored)
             rows = np.flatnonzero((turned != stored).any(axis=1))
             if self.format == "ascii":

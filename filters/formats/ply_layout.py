@@ -53,8 +53,8 @@ class Body(ABC):
         """The units that a number takes."""
 
     @abstractmethod
-    def read(self, places: Places, kind: str) -> NDArray[Any]:
-        """The numbers (n,) at places."""
+    def read(self, places: Places, kind: str, together: int = 1) -> NDArray[Any]:
+        """The numbers (n, together) that stand one after the other from places (n,) on."""
 
     @abstractmethod
     def length(self, place: int, kind: str) -> int:
@@ -76,9 +76,9 @@ class Text(Body):
         """A word."""
         return 1
 
-    def read(self, places: Places, kind: str) -> NDArray[Any]:
+    def read(self, places: Places, kind: str, together: int = 1) -> NDArray[Any]:
         """The words as numbers."""
-        return self.words.floats(places)
+        return self.words.floats(places[:, None] + np.arange(together))
 
     def length(self, place: int, kind: str) -> int:
         """The word as a number."""
@@ -103,12 +103,13 @@ class Binary(Body):
         """The type's own size."""
         return int(kind[1])
 
-    def read(self, places: Places, kind: str) -> NDArray[Any]:
+    def read(self, places: Places, kind: str, together: int = 1) -> NDArray[Any]:
         """The bytes as numbers."""
-        if len(places) and places.max() + self.size(kind) > self.end:
+        size = self.size(kind) * together
+        if len(places) and places.max() + size > self.end:
             raise ValueError("the file ends too early")
-        taken = np.frombuffer(self.data, dtype=np.uint8)[places[:, None] + np.arange(self.size(kind))]
-        return taken.view(np.dtype(self.order + kind)).ravel()
+        taken = _pieces(self.data, size)[places]
+        return taken.view(np.dtype(self.order + kind)).reshape(-1, together)
 
     def length(self, place: int, kind: str) -> int:
         """The bytes as a number."""
@@ -118,12 +119,18 @@ class Binary(Body):
     def changed(self, edits: Sequence[tuple[Places, NDArray[Any]]]) -> bytes:
         """The numbers' own bytes."""
         data = bytearray(self.data)
-        target = np.frombuffer(data, dtype=np.uint8)
         for places, values in edits:
-            ordered = np.ascontiguousarray(values, dtype=values.dtype.newbyteorder(self.order)).ravel()
-            each = ordered.view(np.uint8).reshape(-1, values.itemsize)
-            target[places.ravel()[:, None] + np.arange(values.itemsize)] = each
+            ordered = np.ascontiguousarray(values, dtype=values.dtype.newbyteorder(self.order))
+            if not (np.diff(places, axis=1) == values.itemsize).all():
+                places, ordered = places.reshape(-1, 1), ordered.reshape(-1, 1)
+            size = ordered.itemsize * ordered.shape[1]
+            _pieces(data, size)[places[:, 0]] = ordered.view(f"V{size}").ravel()
         return bytes(data)
+
+
+def _pieces(data: bytes | bytearray, size: int) -> NDArray[np.void]:
+    """Piece i are the `size` bytes from byte i on."""
+    return np.ndarray((max(0, len(data) - size + 1),), dtype=f"V{size}", buffer=data, strides=(1,))
 
 
 def walk(body: Body, element: Element, begin: int) -> tuple[Columns, int]:
@@ -154,7 +161,7 @@ def _even(body: Body, element: Element, begin: int) -> tuple[Columns, int]:
 def _is_even(body: Body, property_: Property, column: Column) -> bool:
     """Whether the lists of a column are as long as that of the first record."""
     assert property_.count is not None
-    counts = body.read(column.places - body.size(property_.count), property_.count)
+    counts = body.read(column.places - body.size(property_.count), property_.count)[:, 0]
     return bool((counts == column.counts).all())
 
 
