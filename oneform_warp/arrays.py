@@ -63,9 +63,9 @@ def read_rows(values: Any, count: int | None, name: str) -> Rows:
         raise InputError(f"{len(rows)} rows where {count} are needed", where=name, fix=f"give {count} rows")
     data = np.zeros((len(rows), 3))
     data[:, : rows.shape[1]] = rows
-    finite = np.isfinite(data).all(axis=1)
+    finite = np.isfinite(data)
     if not finite.all():
-        row = int(np.argmin(finite))
+        row = int(np.argmin(finite.all(axis=1)))
         raise InputError(
             f"row {row} is {rows[row].tolist()}, not finite",
             where=name,

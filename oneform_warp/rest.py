@@ -20,7 +20,8 @@ def box_of(data: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
     """The centre of positions (V, 3), and the power of two near their size."""
     if not len(data):
         return np.zeros(3), 1.0
-    low, high = data.min(axis=0), data.max(axis=0)
+    # By column: a reduction over rows of three takes ten times as long.
+    low, high = (np.array([each(column) for column in data.T]) for each in (np.min, np.max))
     size = float((high - low).max())
     if not np.isfinite(size):
         raise InputError("the positions span more than float64 holds", where="x", fix="use a larger unit")
@@ -50,8 +51,7 @@ class Rest:
     @property
     def diagonal(self) -> float:
         """Of the box of the rest pose, in the caller's unit."""
-        data = self.rows.data
-        return float(np.linalg.norm(data.max(axis=0) - data.min(axis=0))) if len(data) else 0.0
+        return float(np.linalg.norm([np.ptp(column) for column in self.rows.data.T])) if len(self.rows.data) else 0.0
 
     def inside(self, data: NDArray[np.float64]) -> NDArray[np.float64]:
         """Positions (V, 3) in the caller's unit -> centred and scaled."""
@@ -60,5 +60,7 @@ class Rest:
 
     def outside(self, x: wp.array[wp.vec3d]) -> Any:
         """Positions per node -> the caller's: rest plus displacement, so that what did not move keeps every bit."""
-        moved = (x.numpy() - self.x.numpy())[self.graph.node_of] * self.scale
-        return self.rows.like(np.where(moved == 0.0, self.rows.data, self.rows.data + moved))
+        moved = np.take(x.numpy() - self.x.numpy(), self.graph.node_of, axis=0)
+        moved *= self.scale
+        # A sum with zero would make 0 of -0.
+        return self.rows.like(np.add(self.rows.data, moved, out=self.rows.data.copy(), where=moved != 0.0))

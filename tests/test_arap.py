@@ -18,10 +18,14 @@ from oneform_warp.arap_energy import CellEnergy, Fit
 from oneform_warp.cells import Cells, edge_cells, face_cells
 from oneform_warp.forms import node_differential
 from oneform_warp.procrustes import nearest_rotation
+from oneform_warp.solvers import State
 from oneform_warp.solvers.system import System
 from oneform_warp.weights import COTANGENT_RANGE
 
 BOX = 1e-5  # of the bounding box: what the default precision promises
+NOBODY: Any = None
+"""No inner solver: the energy asks for none."""
+
 SUMS = 1e-11  # relative: sums of some thousand terms in float64
 
 
@@ -104,7 +108,8 @@ def energy_at(graph: ow.Graph, cells: Cells, rest: np.ndarray, x: np.ndarray, pi
     system = System.of(graph, mask)
     form = node_differential(graph, wp.array(rest, dtype=wp.vec3d, device=device))
     free = wp.zeros(graph.node_count, dtype=wp.int32, device=device)
-    energy = CellEnergy(cells, form, system, wp.array(x, dtype=wp.vec3d, device=device), free)
+    state = State(system, NOBODY)
+    energy = CellEnergy(cells, form, state, wp.array(x, dtype=wp.vec3d, device=device), free)
     start = field_rotations(wp.zeros(graph.node_count, dtype=wp.vec3d, device=device))
     x_nodes = wp.array(x, dtype=wp.vec3d, device=device)
     # The old rotation has a part of 1e-8 in the new one: the second fit has itself for the old one.
@@ -112,7 +117,8 @@ def energy_at(graph: ow.Graph, cells: Cells, rest: np.ndarray, x: np.ndarray, pi
 
 
 def cells_of(kind: str, graph: ow.Graph, rest: np.ndarray) -> Cells:
-    return edge_cells(graph) if kind == "spokes" else face_cells(graph, wp.array(rest, dtype=wp.vec3d))
+    nodes = wp.array(rest, dtype=wp.vec3d, device=graph.device)
+    return edge_cells(graph) if kind == "spokes" else face_cells(graph, nodes)
 
 
 @pytest.mark.parametrize("kind", ["triangles", "quads", "open", "struts"])
@@ -133,7 +139,7 @@ def test_on_triangles_it_is_a_third_of_the_spokes_and_rims_energy() -> None:
     x, faces = ow.shapes.sphere(1)
     graph, rest, moved = scene("triangles", 5)
     node = graph.node_of[np.asarray(faces)]
-    _, fit = energy_at(graph, face_cells(graph, wp.array(rest, dtype=wp.vec3d)), rest, moved)
+    _, fit = energy_at(graph, face_cells(graph, wp.array(rest, dtype=wp.vec3d, device=graph.device)), rest, moved)
     covariance, terms = np.zeros((len(x), 3, 3)), []
     for triangle in node:
         for k in range(3):

@@ -451,7 +451,7 @@ def test_input_that_cannot_be_used_is_named() -> None:
     for make, words in [
         (lambda: position(0, [0.0, np.nan, 0.0]), "not finite"),
         (lambda: position([0, 1], x[:1]), "give one for each"),
-        (lambda: position(x[:, 0] > 0, x), "np.flatnonzero"),
+        (lambda: position(x[:, 0] > 0, x), "for 30 vertices"),
         (lambda: position(0, x[0], weight=0.0), "> 0"),
         (lambda: position(0, "there"), "no numbers"),
         (lambda: relative_position(1, 1, x[0]), "twice"),
