@@ -237,8 +237,11 @@ class HandleSet:
 
 def _with_paint(smooth: Fields, painted: list[PlacedHandle], t: float) -> Fields:
     """The smooth fields plus each painted handle's rotation and log stretch, times its weights and t."""
-    omega, log_sigma = np.array(smooth.omega), np.log(smooth.sigma)
+    omega, log_sigma = np.array(smooth.omega), np.zeros(len(smooth.sigma))
     for handle in painted:
         omega += t * handle.weights[:, None] * np.asarray(handle.rotation or (0.0, 0.0, 0.0))
         log_sigma += t * handle.weights * np.log(handle.stretch or 1.0)
-    return Fields(omega, np.exp(log_sigma))
+    factor = np.exp(log_sigma)
+    if smooth.stretch is not None:
+        return Fields(omega, stretch=factor[:, None, None] * np.asarray(smooth.stretch))
+    return Fields(omega, factor * np.asarray(smooth.sigma))

@@ -16,6 +16,7 @@ from oneform_warp.filters.measures import MEASURES
 from oneform_warp.filters.native import native_filters
 from oneform_warp.filters.presets import PRESET_FILTERS
 from oneform_warp.filters.scalar_field import SCALAR_FIELD
+from oneform_warp.filters.survey_files import SURVEY_HANDLES
 
 __all__ = ["GROUP", "own_filters"]
 
@@ -23,7 +24,7 @@ GROUP = "oneform_warp.filters"
 """The entry-point group: each entry is a Filter, or an iterable of filters."""
 
 BUILT_IN = (
-    *(SET_HANDLE, CLEAR_HANDLES, PRINT_HANDLES, SET_CONSTRAINT, CLEAR_CONSTRAINTS),
+    *(SET_HANDLE, SURVEY_HANDLES, CLEAR_HANDLES, PRINT_HANDLES, SET_CONSTRAINT, CLEAR_CONSTRAINTS),
     *(DEFORMATION, INTEGRATION, *PRESET_FILTERS, RESET),
     *(SCALAR_FIELD, MEASURES),
 )

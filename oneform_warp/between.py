@@ -53,11 +53,15 @@ def between(a: Handle, b: Handle, s: float, rest: Rest) -> Handle:
 
 
 def fields_at(fields: Fields, t: float) -> Fields:
-    """t omega and sigma^t; at t = 1 the fields themselves."""
+    """t omega and sigma^t, or S^t; at t = 1 the fields themselves."""
     if t == 1.0:
         return fields
     omega, sigma = (None if each is None else as_numpy(each) for each in (fields.omega, fields.sigma))
-    return Fields(None if omega is None else t * omega, None if sigma is None else sigma**t)
+    turns = None if omega is None else t * omega
+    if fields.stretch is None:
+        return Fields(turns, None if sigma is None else sigma**t)
+    factors, axes = np.linalg.eigh(as_numpy(fields.stretch))
+    return Fields(turns, stretch=(axes * factors[:, None, :] ** t) @ axes.transpose(0, 2, 1))
 
 
 def constraint_at(constraint: Constraint, t: float, rest: Rest) -> Constraint:

@@ -196,25 +196,33 @@ def _energies(
     mu: wp.array[wp.float64],
     # In:
     x: wp.array[wp.vec3d],
+    y: wp.array[wp.vec3d],
     v: wp.array[wp.vec3d],
     # Out:
     energy_out: wp.array[wp.vec3d],
 ):
     chunk, lane = wp.tid()
-    energy = wp.float64(0.0)
+    energy = wp.vec3d()
     for i in range(chunk_offsets[chunk] + lane, chunk_offsets[chunk + 1], wp.block_dim()):
         for h in range(offsets[i], offsets[i + 1]):
             e = incident[h]
+            j = neighbours[h]
             if e >= 0:
-                energy += mu[e] * wp.length_sq(x[neighbours[h]] - x[i] - v[e])
-    wp.tile_store(energy_out, wp.tile_sum(wp.tile(wp.vec3d(energy), preserve_type=True)), offset=chunk)
+                first = wp.length_sq(x[j] - x[i] - v[e])
+                energy += mu[e] * wp.vec3d(first, wp.length_sq(y[j] - y[i] - v[e]), wp.float64(0.0))
+    wp.tile_store(energy_out, wp.tile_sum(wp.tile(energy, preserve_type=True)), offset=chunk)
 
 
-def node_energies(graph: Graph, x: wp.array[wp.vec3d], v: wp.array[wp.vec3d]) -> NDArray[np.float64]:
-    """sum mu_ij |x_j - x_i - v_ij|^2 of each component with edges, (C,), in an order that other components keep."""
+def node_energies(
+    graph: Graph, x: wp.array[wp.vec3d], y: wp.array[wp.vec3d], v: wp.array[wp.vec3d]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """sum mu_ij |x_j - x_i - v_ij|^2 of each component with edges, (C,), and the same of y.
+
+    Summed in an order that other components do not change.
+    """
     segments = graph.segments
     partial = segments.partials()
-    inputs = [graph.offsets, graph.neighbours, graph.incident, graph.mu, x, v]
+    inputs = [graph.offsets, graph.neighbours, graph.incident, graph.mu, x, y, v]
     launch_chunks(_energies, segments, inputs, [partial])
-    energies: NDArray[np.float64] = sum_chunks(segments, partial, segments.zeros()).numpy()[:, 0]
-    return energies
+    first, second, _ = sum_chunks(segments, partial, segments.zeros()).numpy().T
+    return first, second

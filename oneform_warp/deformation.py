@@ -17,7 +17,7 @@ from oneform_warp.fields import Fields, NodeFields
 from oneform_warp.forms import node_energy
 from oneform_warp.graph import Graph
 from oneform_warp.grip import Grip
-from oneform_warp.notes import bare_notes, field_notes, is_misfit, misfit_notes, place_notes
+from oneform_warp.notes import bare_notes, field_notes, is_misfit, misfit_notes, place_notes, turn_notes
 from oneform_warp.places import Places
 from oneform_warp.rest import Rest
 from oneform_warp.solvers import Solution, Status
@@ -160,6 +160,8 @@ class Deformation:
             from oneform_warp.equations import constraint_notes
 
             notes += constraint_notes(self._equations, self.solution)
+        if self.refined is not None and self._grip is not None:
+            notes += turn_notes(self._grip)
         return (*notes, *misfit_notes(*self._energy))
 
     @property

@@ -175,8 +175,8 @@ class Deformers:
     meshes: pairs (x, faces), each as for `Deformer`. weights, solver, device: as there, the same for all; the mean
     length of "inverse_length" is that of all meshes, each scaled to its box. weld: 0.0 or None, within each mesh.
     Every component stops for itself; the solve ends with the last. With `CG()` and other weights than inverse lengths,
-    each mesh comes out to the last bit as by a Deformer of its own, up to about a million vertices in all; other solvers
-    agree to their tolerance. Raises InputError, naming the mesh by its number.
+    each mesh comes out to the last bit as by a Deformer of its own, up to about a million vertices in all; other
+    solvers agree to their tolerance. Raises InputError, naming the mesh by its number.
     """
 
     def __init__(

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from oneform_warp.biharmonic import biharmonic
 from oneform_warp.errors import InputError
 from oneform_warp.forms import vertex_areas
-from oneform_warp.geodesics import Heat
+from oneform_warp.geodesics import Distances
 from oneform_warp.grip import Pins
 from oneform_warp.influence import influence
 from oneform_warp.overlap import COLUMNS, Overlap
@@ -178,12 +178,12 @@ class Geodesic:
 
     def _overlap(self, pins: Pins, x: wp.array[wp.vec3d], states: States) -> tuple[Overlap, tuple[Solution, ...]]:
         graph, handles = pins.graph, np.unique(pins.shares[1])
-        owner, heat = pins.owner.numpy(), Heat(graph, x, states)
+        owner, distances = pins.owner.numpy(), Distances(graph, x, states)
         vertex = wp.array(graph.vertex_at, dtype=wp.int32, device=graph.device)
         weights, solutions = [], []
         for begin in range(0, len(handles), COLUMNS):
             sources = [np.flatnonzero(owner == handle) for handle in handles[begin : begin + COLUMNS]]
-            distance, solution = heat.distances(sources, self.radius)
+            distance, solution = distances.of(sources, self.radius)
             weight: wp.array[wp.vec3d] = wp.empty(graph.node_count, dtype=wp.vec3d, device=graph.device)
             on_device = wp.array(distance, dtype=wp.vec3d, device=graph.device)
             inputs = [vertex, on_device, self.radius, profile_number(self.profile)]

@@ -1,18 +1,16 @@
 """Distance along a graph by heat: the integral of a 1-form of length one. Source: Crane, Weischedel, Wardetzky 2013.
 
-    (L + a / t) u = a / t at the sources    heat after the time t, area a
-    X = - grad u / |grad u|                 on each patch: away from the sources
-    v_ij = X (x_j - x_i)                    the 1-form that the distance has
-    min sum mu_ij |d_j - d_i - v_ij|^2      the distance d
+u                                       heat from the sources, after the time t = (mean edge)^2 / 2
+X = - grad u / |grad u|                 on each patch: away from the sources
+v_ij = X (x_j - x_i)                    the 1-form that the distance has
+min sum mu_ij |d_j - d_i - v_ij|^2      the distance d
 
-Heat falls by exp(-d / sqrt(t)), and an iterative solver knows it down to a part of its largest value only. So short
-times, which are accurate, serve what is near, and longer ones what these have not reached.
+Heat falls nearly as exp(-d / sqrt(t)), so the gradient of its logarithm is what patches can tell.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
@@ -24,29 +22,27 @@ from oneform_warp.arrays import read_rows, vertex_numbers
 from oneform_warp.errors import InputError
 from oneform_warp.forms import vertex_areas
 from oneform_warp.graph import Graph
+from oneform_warp.heat import LEAST, heat
 from oneform_warp.patches import Patches
 from oneform_warp.solvers import Solution, Solver, States, default_solver
 
-__all__ = ["COLUMNS", "Heat", "geodesic_distance"]
+__all__ = ["COLUMNS", "Distances", "geodesic_distance"]
 
 COLUMNS = 3
 """Sets of sources that one solve serves."""
 
-TRUSTED = 1.0e-11
-"""Heat above this part of the sources' is known to some digits."""
-
-TOLERANCE = 1.0e-14
-"""Of the solves for heat; they are well conditioned, and take few iterations."""
-
-REACH = 17.0
-"""Where heat is below TRUSTED, the distance is at least so many sqrt(t), of a point in a volume too."""
+FIRST = np.sqrt(0.5)
+"""The first sqrt(t) over the mean edge: longer, and heat that came around a limb turns the direction; shorter, and it
+follows the edges."""
 
 GROWTH = 3.0
-"""From one sqrt(t) to the next."""
+"""From one sqrt(t) to the next, where heat has not arrived after the first: beyond some 400 mean edges."""
 
-STEPS = 12
-"""Of growth at most: a million mean edges."""
+STEPS = 10
+"""Of growth at most."""
 
+STEEPEST = 1.5
+"""Heat falls by no more than exp(-1.5 d / sqrt(t)), in a volume too."""
 
 FLAT = 1.0e-9
 """Part of a patch's size that its thickness counts as: across a flat patch nothing rises, and this divides it."""
@@ -58,10 +54,10 @@ def patch_gradient(
     begin: int,
     end: int,
     x: wp.array[wp.vec3d],
-    heat: wp.array[wp.vec3d],
-    trusted: wp.float64,
+    u: wp.array[wp.vec3d],
+    least: wp.float64,
 ) -> wp.mat33d:
-    """Gradients of log heat over a patch by least squares, one in each row: it is nearly linear, heat itself is not."""
+    """Gradients of log u over a patch by least squares, one in each row: it is nearly linear, u itself is not."""
     centre = wp.vec3d()
     for k in range(begin, end):
         centre += x[nodes[k]] / wp.float64(end - begin)
@@ -69,9 +65,9 @@ def patch_gradient(
     rise = wp.mat33d()
     for k in range(begin, end):
         arm = x[nodes[k]] - centre
-        u = wp.max(heat[nodes[k]], wp.vec3d(trusted))
         spread += wp.outer(arm, arm)
-        rise += wp.outer(wp.vec3d(wp.log(u[0]), wp.log(u[1]), wp.log(u[2])), arm)
+        level = wp.max(u[nodes[k]], wp.vec3d(least))
+        rise += wp.outer(wp.vec3d(wp.log(level[0]), wp.log(level[1]), wp.log(level[2])), arm)
     size = wp.trace(spread)
     if size == wp.float64(0.0):
         return wp.mat33d()
@@ -87,7 +83,7 @@ def _directions(
     # In:
     x: wp.array[wp.vec3d],
     source: wp.array[wp.vec3d],
-    heat: wp.array[wp.vec3d],
+    u: wp.array[wp.vec3d],
     trusted: wp.float64,
     # Out:
     direction_out: wp.array[wp.mat33d],
@@ -96,16 +92,16 @@ def _directions(
     begin = offsets[p]
     end = offsets[p + 1]
     known = direction_out[p]
-    # Columns that are known from a shorter time, not trusted yet, or inside the sources, stay as they are.
-    least = heat[nodes[begin]]
+    least = u[nodes[begin]]
     inside = source[nodes[begin]]
     for k in range(begin, end):
-        least = wp.min(least, heat[nodes[k]])
+        least = wp.min(least, u[nodes[k]])
         # From the middle of a star no direction leads away: it counts by its centre, a polygon by all corners.
         if p < polygons:
             inside = wp.min(inside, source[nodes[k]])
-    gradient = patch_gradient(nodes, begin, end, x, heat, trusted)
+    gradient = patch_gradient(nodes, begin, end, x, u, trusted)
     for c in range(3):
+        # Columns that are known from a shorter time, that heat has not reached, or inside the sources, stay.
         if wp.length(known[c]) == wp.float64(0.0) and least[c] > trusted and inside[c] < wp.float64(1.0):
             known[c] = -wp.normalize(gradient[c])
     direction_out[p] = known
@@ -141,18 +137,19 @@ def _unit_form(
     v_out[e] = wp.cw_div(total, wp.max(count, wp.vec3d(wp.float64(1.0))))
 
 
-class Heat:
+class Distances:
     """Distances on a graph at rest, from three sets of nodes at a time.
 
-    x: (n,), any unit. states: with the solver that integrates; the heat takes a stricter one of its kind.
+    x: (n,), any unit. states: with the solver that integrates.
     """
 
     def __init__(self, graph: Graph, x: wp.array[wp.vec3d], states: States) -> None:
         self.graph, self.x, self.states = graph, x, states
-        stricter: Any = states.solver
-        self._heat_states = States(replace(stricter, tol=TOLERANCE), graph)
         self._floating = np.zeros(graph.node_count, dtype=bool)
-        self._attachments: dict[int, NDArray[np.float64]] = {}
+
+    @cached_property
+    def _areas(self) -> NDArray[np.float64]:
+        return vertex_areas(self.graph, self.x)
 
     @cached_property
     def patches(self) -> Patches:
@@ -168,11 +165,7 @@ class Heat:
         total = np.bincount(component, np.linalg.norm(x[head] - x[tail], axis=1), count)
         return total / np.maximum(np.bincount(component, minlength=count), 1)
 
-    @cached_property
-    def _areas(self) -> NDArray[np.float64]:
-        return vertex_areas(self.graph, self.x)
-
-    def distances(
+    def of(
         self, sources: Sequence[NDArray[np.integer[Any]]], reach: float = np.inf
     ) -> tuple[NDArray[np.float64], Solution]:
         """(n, 3): the distance to each set of nodes, in the unit of x; infinite in components without a source.
@@ -196,25 +189,19 @@ class Heat:
         """Unit vectors away from the sources on each patch, in rows by column."""
         graph, patches = self.graph, self.patches
         direction: wp.array[wp.mat33d] = wp.zeros(patches.count, dtype=wp.mat33d, device=graph.device)
-        starts = self._starts(mask > 0.0)
-        for step in range(STEPS):
-            heat = self._heat(step, source)
-            inputs = [patches.offsets, patches.nodes, patches.polygons, self.x, source, heat, TRUSTED]
+        extended = self.lengths > 0.0
+        expected = (self._starts(mask > 0.0) & extended[:, None])[graph.node_component]
+        length = np.where(extended, self.lengths, np.inf)
+        for step in range(STEPS if extended.any() else 0):
+            root = FIRST * length * GROWTH**step
+            least = max(float(np.exp(-STEEPEST * reach / root.min())), LEAST)
+            rate = self._areas / root[graph.node_component] ** 2
+            u = heat(graph, wp.array(rate, dtype=wp.float64, device=graph.device), source, least)
+            inputs = [patches.offsets, patches.nodes, patches.polygons, self.x, source, u, LEAST]
             wp.launch(_directions, dim=patches.count, inputs=inputs, outputs=[direction], device=graph.device)
-            waiting = (heat.numpy() <= TRUSTED) & starts[graph.node_component]
-            far = REACH * self.lengths * GROWTH**step >= reach
-            if not (waiting & ~far[graph.node_component][:, None]).any():
+            if least > LEAST or (u.numpy() > LEAST)[expected].all():
                 break
         return direction
-
-    def _heat(self, step: int, source: wp.array[wp.vec3d]) -> wp.array[wp.vec3d]:
-        """Heat after the time t = (mean edge times a power of GROWTH)^2, with the sources kept near 1."""
-        if step not in self._attachments:
-            root = np.where(self.lengths > 0.0, self.lengths, 1.0) * GROWTH**step
-            self._attachments[step] = self._areas / root[self.graph.node_component] ** 2
-        state = self._heat_states.of(self._floating, self._attachments[step])
-        no_form = wp.zeros(0, dtype=wp.vec3d, device=source.device)
-        return self._heat_states.solver.solve(state, no_form, wp.zeros_like(source), target=source).x
 
     def _starts(self, sources: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Whether a component has a source, (components, 3); the distance from others is not known there."""
@@ -248,5 +235,5 @@ def geodesic_distance(graph: Graph, x: Any, vertices: Any, *, solver: Solver | N
     if not len(chosen):
         raise InputError("no vertex is given", where="vertices", fix="name one at least to measure from")
     states = States(default_solver(graph) if solver is None else solver, graph)
-    distances, _ = Heat(graph, graph.nodes_from(data), states).distances([graph.node_of[chosen]])
+    distances, _ = Distances(graph, graph.nodes_from(data), states).of([graph.node_of[chosen]])
     return np.asarray(distances[graph.node_of, 0])

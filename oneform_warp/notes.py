@@ -8,7 +8,7 @@ from oneform_warp.fields import JUMP_LIMIT, NodeFields, fast_edges
 from oneform_warp.graph import Graph
 from oneform_warp.grip import Grip
 
-__all__ = ["bare_notes", "field_notes", "is_misfit", "misfit_notes", "place_notes"]
+__all__ = ["bare_notes", "field_notes", "is_misfit", "misfit_notes", "place_notes", "turn_notes"]
 
 MISFIT = 0.2
 """A thick bar twisted by 360 degrees misses 0.17, and one that loses turns 0.27 and more."""
@@ -59,6 +59,16 @@ def place_notes(grip: Grip, misses: dict[int, float], diagonal: float) -> list[s
         "box away from its target, and the edges stretch to reach it: refine=10 finds rotations that fit the targets"
         for number, miss in misses.items()
         if miss > FAR * diagonal
+    ]
+
+
+def turn_notes(grip: Grip) -> list[str]:
+    """Names placed handles that turn by more than half a turn: the ARAP energy is lower without it."""
+    return [
+        f"{handle.label(number)} turns by {np.degrees(angle):.0f} degrees and has a place: refining unwinds what is beyond "
+        "half a turn; leave refine out, or the place"
+        for number, handle in enumerate(grip.handles)
+        if handle.moves and handle.rotation is not None and (angle := np.linalg.norm(handle.rotation)) > np.pi + 1e-9
     ]
 
 

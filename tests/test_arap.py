@@ -310,3 +310,12 @@ def test_a_line_has_no_rotations_to_refine() -> None:
     line = np.linspace(0.0, 1.0, 5)
     with pytest.raises(ow.InputError, match="a line has no rotations"):
         ow.Deformer(line, ow.Graph.from_polyline(5)).solve([ow.Handle([0], held=True)], refine=3)
+
+
+@pytest.mark.parametrize(("angle", "warned"), [(180, False), (270, True)])
+def test_a_turn_that_refining_unwinds_is_named(angle: float, warned: bool) -> None:
+    x, faces = ow.shapes.bar()
+    z = x[:, 2]
+    head = ow.Handle(z > 0.9, axis="z", angle=angle, pivot="centroid", name="head")
+    solution = ow.Deformer(x, faces).solve([ow.Handle(z < 0.1, held=True), head], refine=2)
+    assert any("'head' turns by 270 degrees" in text for text in solution.warnings) == warned

@@ -18,7 +18,7 @@ LAYERS = [
     ["order", "intake", "handles", "measures"],
     ["assembly", "struts", "symmetry", "constraints"],
     ["graph", "constraint_kinds"],
-    ["forms", "tree", "centroids", "cells", "cycles", "patches", "joints", "stretches"],
+    ["forms", "tree", "centroids", "cells", "cycles", "patches", "heat", "joints", "stretches"],
     ["exactness", "solvers", "starts", "smoothness", "presets"],
     ["grip", "rest"],
     ["influence", "overlap", "geodesics", "biharmonic", "places", "equations", "arap_energy"],
@@ -82,9 +82,9 @@ def test_solvers_import_one_way() -> None:
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("oneform_warp.solvers."):
                 other = str(node.module).split(".")[2]
-                assert place[other] < place[name] or (other == name and name in ("multigrid", "direct", "constrained")), (
-                    f"{path.name} imports {other}"
-                )
+                assert place[other] < place[name] or (
+                    other == name and name in ("multigrid", "direct", "constrained")
+                ), f"{path.name} imports {other}"
 
 
 def test_the_core_imports_no_file_format_and_no_plotting() -> None:

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 import oneform_warp as ow
-from oneform_warp.between import at_rest, between, constraint_at
+from oneform_warp.between import at_rest, between, constraint_at, fields_at
 from oneform_warp.constraints import edge_length, linear
 from oneform_warp.errors import InputError
 from oneform_warp.sequences import Keyframes
@@ -253,3 +253,12 @@ def test_keys_that_make_no_sequence_are_errors(deformer, keys, text):
 def test_frames_outside_the_sequence_are_errors(deformer, times):
     with pytest.raises(InputError):
         list(Keyframes(deformer, ASKED["twist"]).frames(times))
+
+
+def test_fields_with_directions_go_part_of_the_way() -> None:
+    rng = np.random.default_rng(4)
+    half = np.eye(3) + 0.2 * rng.normal(size=(5, 3, 3))
+    stretch = half @ half.transpose(0, 2, 1)
+    there = fields_at(ow.Fields(stretch=stretch), 0.5).stretch
+    assert np.allclose(there @ there, stretch, atol=1e-12)
+    assert np.allclose(there, there.transpose(0, 2, 1), atol=1e-12)
