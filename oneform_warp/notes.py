@@ -65,8 +65,8 @@ def place_notes(grip: Grip, misses: dict[int, float], diagonal: float) -> list[s
 def turn_notes(grip: Grip) -> list[str]:
     """Names placed handles that turn by more than half a turn: the ARAP energy is lower without it."""
     return [
-        f"{handle.label(number)} turns by {np.degrees(angle):.0f} degrees and has a place: refining unwinds what is beyond "
-        "half a turn; leave refine out, or the place"
+        f"{handle.label(number)} turns by {np.degrees(angle):.0f} degrees and has a place: refining unwinds what is "
+        "above half a turn; leave refine out, or the place"
         for number, handle in enumerate(grip.handles)
         if handle.moves and handle.rotation is not None and (angle := np.linalg.norm(handle.rotation)) > np.pi + 1e-9
     ]
