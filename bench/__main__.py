@@ -6,6 +6,7 @@ from dataclasses import replace
 
 from bench import chain, edit, iteration, many, plots, roofline, scale, solve, stages
 from bench.options import options
+from bench.tree import study
 
 
 def main() -> None:
@@ -15,6 +16,7 @@ def main() -> None:
     for script in (edit, many, scale, roofline, chain):
         script.main(replace(given, sizes=()))
     solve.main(given)
+    study.main(replace(given, sizes=(), methods=()))
     plots.main()
 
 

@@ -32,7 +32,7 @@ SOLVING: tuple[Parameter, ...] = (
            "0 for none.", 0.0),
     Number("t", 1.0, "How much of the way from the rest pose, 0..1: rotations, logs of stretches and moves are scaled.",
            0.0, 1.0),
-    Choice("start", "rest", "Where the solver starts.", tuple(STARTS)),
+    Choice("start", "auto", "Where the solver starts; 'auto' chooses by the solver and the 1-form.", tuple(STARTS)),
     Choice("solver", "auto", "What solves; 'auto' chooses by the size of the mesh.", SOLVERS),
     Number("tolerance", 0.0, "Relative residual to reach; 0 is the solver's own.", 0.0, 1.0),
     Whole("maxiterations", 0, "Iterations at most; 0 is the solver's own.", 0),

@@ -41,7 +41,7 @@ class Settings:
     weights: str = "cotangent"
     weld: float | None = 0.0
     falloff: Falloff = HARMONIC
-    start: str = "rest"
+    start: str = "auto"
     t: float = 1.0
     """The part of the way from the rest pose."""
     refine: int | Arap = 0
@@ -64,7 +64,7 @@ class Settings:
 
     def of_the_deformer(self) -> Settings:
         """What has to be equal for a deformer to be used again."""
-        return replace(self, falloff=HARMONIC, start="rest", t=1.0, refine=0)
+        return replace(self, falloff=HARMONIC, start="auto", t=1.0, refine=0)
 
 
 @dataclass(frozen=True, eq=False)

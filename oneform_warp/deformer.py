@@ -25,7 +25,7 @@ from oneform_warp.places import Places, fitted, placed, reference_nodes
 from oneform_warp.refiner import Refiner
 from oneform_warp.rest import Rest
 from oneform_warp.solvers import Progress, Solver, States, default_solver
-from oneform_warp.starts import Problem, Start, read_start
+from oneform_warp.starts import Problem, Start, read_start, worthwhile
 from oneform_warp.struts import struts as inner_edges
 from oneform_warp.weights import Weights
 
@@ -132,16 +132,16 @@ class Deformer:
         falloff: Falloff | None = None,
         constraints: Sequence[Constraint] = (),
         refine: int | Arap = 0,
-        start: Start = "rest",
+        start: Start = "auto",
         progress: Progress | None = None,
     ) -> Deformation:
         """Fields from handles, v_ij = sigma_ij R(omega_ij) dx_ij, and min sum mu_ij |x_j - x_i - v_ij|^2.
 
         fields: painted omega and sigma per vertex; handles then only hold. sweeps, length: how far handles reach,
         see `Smoothing`; default the harmonic limit. falloff: another one, as Biharmonic() or Geodesic(radius). start:
-        "rest", "previous", "min_depth", "maximal", "minimal", "zero", or positions (V, D); "previous" is the last
-        solution of this Deformer. constraints: linear ones, see `constraints`. refine: ARAP steps after the solve, or
-        an `Arap`.
+        "auto" chooses between "rest" and "rings" by the solver and v; or "previous" (the last solution of this
+        Deformer), "min_depth", "maximal", "minimal", "zero", or positions (V, D). constraints: linear ones, see
+        `constraints`. refine: ARAP steps after the solve, or an `Arap`.
         A component with nothing held keeps its centroid. Raises InputError before anything is solved.
         """
         graph, rest = self.graph, self._rest
@@ -155,7 +155,16 @@ class Deformer:
         stages.stop("fields")
         v = nodes.form(graph, rest.x)
         stages.stop("1-form")
-        begin = placed(make_start(Problem(graph, rest.x, v, self._previous)), grip, places, rest)
+        problem = Problem(
+            graph,
+            rest.x,
+            v,
+            self._previous,
+            pinned=grip.pinned if grip.attachment is None else None,
+            placed=placed(rest.x, grip, places, rest),
+            gain=0.0 if constraints else worthwhile(self._solver, graph.device),
+        )
+        begin = placed(make_start(problem), grip, places, rest)
         stages.stop("start")
         states = self._states_under(constraints)
         state = states.of(grip.pinned, grip.attachment)

@@ -237,7 +237,7 @@ class Deformers:
         handles: Sequence[Sequence[Handle]],
         *,
         sweeps: int | None = None,
-        start: Start = "rest",
+        start: Start = "auto",
         progress: Progress | None = None,
     ) -> Deformations:
         """Handles: a sequence for each mesh, its vertices numbered by themselves. Others: as for `Deformer.solve`."""

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from difflib import get_close_matches
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 import warp as wp
@@ -19,9 +20,10 @@ from oneform_warp.cycles import node_energies, short_cycle_misses
 from oneform_warp.errors import InputError
 from oneform_warp.forms import node_differential
 from oneform_warp.graph import Graph
+from oneform_warp.solvers import CG, Jacobi, Multigrid, Solver
 from oneform_warp.tree import SpanningTree, integrate_nodes, integrate_rings, spanning_tree
 
-__all__ = ["STARTS", "Problem", "Start", "read_start"]
+__all__ = ["STARTS", "Problem", "Start", "read_start", "worthwhile"]
 
 Start = Any
 """One of STARTS, or positions (V, D)."""
@@ -36,49 +38,88 @@ class Problem:
     v: wp.array[wp.vec3d]
     previous: wp.array[wp.vec3d] | None
     pinned: NDArray[np.bool_] | None = None
-    """Nodes whose place is given, (n,); None where others are only drawn to one: `auto` is then the rest pose."""
+    """Nodes whose place is given, (n,); None where others are only drawn to one."""
     placed: wp.array[wp.vec3d] | None = None
     """The rest pose with the pinned nodes where they are to be; None where that is the rest pose itself."""
+    gain: float = 0.0
+    """See `worthwhile`."""
 
+    @property
+    def begin(self) -> wp.array[wp.vec3d]:
+        """The rest pose with the pinned nodes where they are to be."""
+        return self.rest if self.placed is None else self.placed
 
-GAIN = 1.0e-3
-"""The energy of a tree's estimate over that of the rest pose from which on it saves two iterations of multigrid."""
 
 WALK = 10.0
-"""Energy of an estimate over q where misses add up as a random walk: 4 to 18 were seen."""
+"""Energy of the integral over rings, over q, where misses add up as a random walk: 2 to 18 were seen."""
+
+AREA = 4.0
+"""The same over n q where they add up by area: 0.5 to 26 were seen up to 90 degrees, 3 to 4 on bars."""
 
 COHERENT = 0.25
-"""rho above which misses add up: noise has -0.2 to 0.05, smooth rotations and stretches 0.6 to 1."""
+"""rho above which misses add up: noise has -0.1 to 0, smooth rotations and stretches 0.8 to 1."""
+
+
+def worthwhile(solver: Solver, device: Any) -> float:
+    """The energy of an integral, in parts of the rest pose's, from which on starting there saves time; 0 is never.
+
+    Jacobi and CG, which are slow in what is smooth: 1. Multigrid: 1e-3, two iterations. Direct solvers start
+    anywhere. On CUDA: 0, since the integral is made on the host and what it costs there has not been measured.
+    """
+    if device.is_cuda:
+        return 0.0
+    return {CG: 1.0, Jacobi: 1.0, Multigrid: 1.0e-3}.get(type(solver), 0.0)
 
 
 def _auto(problem: Problem) -> wp.array[wp.vec3d]:
-    """The rest pose, except in components whose 1-form is nearly exact: there the integral along a tree.
+    """The rest pose, or in a component where that is worthwhile the integral over rings.
 
-    Cheap enough to run always: what short cycles miss, q and rho (see `cycles`), predicts the energy of a tree's
-    estimate in parts of the rest pose's, 10 q for noise and n q for smooth forms. Where that is below 1e-3, and the
-    estimate's own energy then is, the estimate is taken. On CUDA it is the rest pose: trees are made on the host, and
-    that takes longer than the iterations that they save.
+    For Jacobi and CG: of the two the one of less energy. From an integral of less CG took 0.65 of the iterations in the
+    median of 50 cases and 1.07 at most, Jacobi 0.05 to 1; from one of more CG took 1.11. For multigrid it is not even
+    made unless what short cycles miss, q and rho (see `cycles`), predicts little energy: in parts of the rest pose's
+    10 q for noise and 4 n q for smooth forms; there it saves 2 to 4 of 8 iterations. See docs/tree-study.md.
     """
-    graph = problem.graph
-    start = problem.rest if problem.placed is None else problem.placed
-    if problem.pinned is None or graph.device.is_cuda or not graph.solved_components:
+    graph, start = problem.graph, problem.begin
+    if problem.gain == 0.0 or problem.pinned is None or not graph.solved_components:
         return start
-    found = short_cycle_misses(graph, start, problem.v)
-    sizes = np.diff(graph.component_offsets)[: graph.solved_components]
-    predicted = found.q * np.where(found.rho > COHERENT, sizes, WALK)
-    if not (predicted < GAIN).any():
-        return start
-    resting = node_energies(graph, start, problem.v)
-    if not ((predicted < GAIN) & (resting > 0.0)).any():
-        return start
-    tree = spanning_tree(graph, roots=graph.vertex_at[problem.pinned])
-    estimate = integrate_rings(tree, problem.v, start)
-    chosen = (predicted < GAIN) & (node_energies(graph, estimate, problem.v) < GAIN * resting)
+    hopeful = np.ones(graph.solved_components, dtype=bool)
+    if problem.gain < 1.0:
+        found = short_cycle_misses(graph, start, problem.v)
+        sizes = np.diff(graph.component_offsets)[: graph.solved_components]
+        hopeful = found.q * np.where(found.rho > COHERENT, AREA * sizes, WALK) < problem.gain
+        if not (hopeful.any() and (node_energies(graph, start, start, problem.v)[0][hopeful] > 0.0).any()):
+            return start
+    rings = _rings(problem)
+    resting, own = node_energies(graph, start, rings, problem.v)
+    chosen = hopeful & (own < problem.gain * resting)
     if not chosen.any():
         return start
-    taken = np.append(chosen, False)[np.minimum(graph.node_component, graph.solved_components)] & ~problem.pinned
-    rows = np.where(taken[:, None], estimate.numpy(), start.numpy())
+    if chosen.all() and graph.solved_components == graph.component_count:
+        return rings
+    taken = np.append(chosen, False)[np.minimum(graph.node_component, graph.solved_components)]
+    rows = np.where(taken[:, None], rings.numpy(), start.numpy())
     return wp.array(rows, dtype=wp.vec3d, device=graph.device)
+
+
+_KNOWN: WeakKeyDictionary[Graph, tuple[NDArray[np.bool_], tuple[Any, ...]]] = WeakKeyDictionary()
+"""The last pins of a graph, and the arrays of the trees that hang from them; a tree itself would keep its graph."""
+
+
+def _hanging(graph: Graph, pinned: NDArray[np.bool_]) -> SpanningTree:
+    """The trees of least depth from the pinned nodes, kept for the pins that come again."""
+    known = _KNOWN.get(graph)
+    if known is None or not np.array_equal(known[0], pinned):
+        tree = spanning_tree(graph, roots=graph.vertex_at[pinned])
+        known = _KNOWN[graph] = pinned.copy(), (tree.order, tree.parent, tree.link, tree.depth)
+    return SpanningTree(graph, *known[1])
+
+
+def _rings(problem: Problem) -> wp.array[wp.vec3d]:
+    """The integral from what is pinned outwards, ring by ring; from the centres of what has no pins."""
+    graph = problem.graph
+    nothing = np.zeros(graph.node_count, dtype=bool)
+    tree = _hanging(graph, nothing if problem.pinned is None else problem.pinned)
+    return integrate_rings(tree, problem.v, problem.begin).to(graph.device)
 
 
 def _rest(problem: Problem) -> wp.array[wp.vec3d]:
@@ -122,6 +163,7 @@ STARTS: dict[str, Callable[[Problem], wp.array[wp.vec3d]]] = {
     "min_depth": _min_depth,
     "maximal": _maximal,
     "minimal": _minimal,
+    "rings": _rings,
     "zero": _zero,
 }
 

@@ -60,7 +60,7 @@ def settings_options(function: Callable[..., Any]) -> Callable[..., Any]:
         click.option("--tol", type=click.FloatRange(min=0.0), help="Relative residual to reach.  [1e-6]"),
         click.option("--max-iterations", type=click.IntRange(min=0), help="Over all restarts.  [the solver's own]"),
         click.option("--dtype", type=click.Choice(CHOICES["dtype"]), help="Of the inner iterations.  [float32]"),
-        click.option("--start", type=click.Choice(CHOICES["start"]), help="Where the solver starts.  [rest]"),
+        click.option("--start", type=click.Choice(CHOICES["start"]), help="Where the solver starts.  [auto]"),
         click.option("--sweeps", type=click.IntRange(min=0), help="Spread handles by so many Jacobi sweeps."),
         click.option("--length", type=click.FloatRange(min=0.0, min_open=True), help="Spread handles over a length."),
         click.option("--falloff", type=click.Choice(CHOICES["falloff"]), help="How handles spread.  [harmonic]"),

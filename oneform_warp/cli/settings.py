@@ -15,7 +15,7 @@ CHOICES = {
     "weights": ("cotangent", "uniform", "inverse_length"),
     "solver": ("auto", "cg", "cholmod", "cudss", "jacobi", "multigrid", "superlu"),
     "dtype": ("float32", "float64"),
-    "start": ("rest", "previous", "min_depth", "maximal", "minimal", "zero"),
+    "start": ("auto", "rest", "previous", "min_depth", "maximal", "minimal", "rings", "zero"),
     "falloff": ("harmonic", "biharmonic", "geodesic"),
     "profile": ("smooth", "sphere", "root", "inverse_square", "sharp", "linear", "constant", "random"),
     "cells": ("spokes_and_rims", "spokes"),
@@ -37,7 +37,7 @@ class Settings:
     tol: float | None = None
     max_iterations: int | None = None
     dtype: str | None = None
-    start: str = "rest"
+    start: str = "auto"
     sweeps: int | None = None
     length: float | None = None
     falloff: str = "harmonic"

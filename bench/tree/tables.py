@@ -1,0 +1,258 @@
+"""The study's tables, from its journal, as Markdown: medians over cases, and the middle half of them in brackets."""
+
+from __future__ import annotations
+
+import statistics
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any
+
+import numpy as np
+
+from bench.tree.trace import TOLERANCES
+
+Row = dict[str, Any]
+Rows = list[Row]
+MIDDLE = TOLERANCES.index(1.0e-5)
+
+CLASSES: dict[str, Callable[[Row], bool]] = {
+    "exact": lambda r: r["kind"] == "noise" and r["amount"] == 0.0,
+    "noise up to 3e-3": lambda r: r["kind"] == "noise" and 0.0 < r["amount"] < 5e-3,
+    "noise of 1e-2 and 1e-1": lambda r: r["kind"] == "noise" and r["amount"] >= 5e-3,
+    "rotations and stretches": lambda r: r["kind"] != "noise",
+}
+"""The kinds of forms that behave differently."""
+
+
+def spread(values: Sequence[float], digits: int = 2) -> str:
+    """Median [quartiles]."""
+    if not values:
+        return ""
+    low, middle, high = (float(np.percentile(values, p)) for p in (25, 50, 75))
+    text = f"{middle:.{digits}g}"
+    return text if len(values) == 1 else f"{text} [{low:.{digits}g}, {high:.{digits}g}]"
+
+
+def markdown(columns: Sequence[str], lines: Iterable[Sequence[Any]]) -> str:
+    """A table."""
+    body = ["| " + " | ".join(str(cell) for cell in line) + " |" for line in lines]
+    return "\n".join(["| " + " | ".join(columns) + " |", "|" + "---|" * len(columns), *body])
+
+
+def by_case(rows: Rows) -> dict[tuple[Any, ...], dict[str, Row]]:
+    """Rows by seed of each case."""
+    cases: dict[tuple[Any, ...], dict[str, Row]] = defaultdict(dict)
+    for row in rows:
+        cases[tuple(row.get(k) for k in ("mesh", "kind", "amount", "weights", "degrees"))][row["seed"]] = row
+    return cases
+
+
+def pooled(rows: Rows) -> list[str]:
+    """The seeds in their order, the random ones as one."""
+    return list(dict.fromkeys("held: random" if r["seed"].startswith("held: random") else r["seed"] for r in rows))
+
+
+def _of(seeds: dict[str, Row], name: str) -> Rows:
+    return [row for seed, row in seeds.items() if seed == name or (name == "held: random" and seed.startswith(name))]
+
+
+def iterations(rows: Rows, solver: str, goal: str = "residual", tol: int = MIDDLE) -> str:
+    """Iterations from each seed, over or beside those from rest, by class of form."""
+    column = f"{solver} {goal}"
+    rows = [row for row in rows if column in row]
+    if not rows:
+        return ""
+    cases = by_case(rows)
+    lines = []
+    for name in pooled(rows):
+        line = [name]
+        for test in CLASSES.values():
+            found = []
+            for seeds in cases.values():
+                rest = seeds["rest"][column][tol]
+                for row in _of(seeds, name):
+                    count = row[column][tol]
+                    if test(row) and count is not None and rest:
+                        found.append(count - rest if solver == "multigrid" else count / rest)
+            line.append(spread(found))
+        lines.append(line)
+    numbers = [str(sum(test(seeds["rest"]) for seeds in cases.values())) + " cases" for test in CLASSES.values()]
+    return markdown(["seed", *(f"{c}, {n}" for c, n in zip(CLASSES, numbers, strict=True))], lines)
+
+
+def energies(rows: Rows) -> str:
+    """Energy over the least one, and the largest position error in percent of the box, by class of form."""
+    cases = by_case(rows)
+    lines = []
+    for name in pooled(rows):
+        line = [name]
+        for test in list(CLASSES.values())[1:]:
+            found = [row for seeds in cases.values() for row in _of(seeds, name) if test(row)]
+            line += [spread([r["energy"] for r in found]), spread([100.0 * r["farthest"] for r in found])]
+        lines.append(line)
+    columns = [f"{c}: {what}" for c in list(CLASSES)[1:] for what in ("energy", "error / %")]
+    return markdown(["seed", *columns], lines)
+
+
+def cost(rows: Rows) -> str:
+    """What a seed takes, in iterations of multigrid and of Jacobi CG on the same graph."""
+    lines = []
+    for name in pooled(rows):
+        line = [name]
+        for solver in ("multigrid", "Jacobi CG"):
+            of = f"{solver} iteration s"
+            found = [r["seed s"] / r[of] for r in rows if of in r and r["nodes"] > 3000 and r["seed"].startswith(name)]
+            line.append(spread(found))
+        lines.append(line)
+    return markdown(["seed", "multigrid iterations", "Jacobi CG iterations"], lines)
+
+
+def claims(rows: Rows) -> str:
+    """The first findings, with what was counted."""
+    lines = []
+    for label, better in (("held: resistance", "held: min depth"), ("maximal", "min depth")):
+        ratios = defaultdict(list)
+        for seeds in by_case(rows).values():
+            if label in seeds and better in seeds:
+                first, second = (seeds[s]["energy"] - 1.0 for s in (label, better))
+                kind = "noise" if seeds[label]["kind"] == "noise" else "rotations and stretches"
+                if seeds[label]["exactness"] > 1e-9:
+                    ratios[kind].append(second / max(first, 1e-12))
+        for kind, found in ratios.items():
+            more = f"{sum(r < 1.0 for r in found)} of {len(found)}"
+            lines.append([f"energy error of {better} over {label}, {kind}", spread(found), more])
+    return markdown(["", "median [quartiles]", "below 1"], lines)
+
+
+def correlation(rows: Rows) -> str:
+    """Does less energy at the start mean fewer iterations? Spearman's rank correlation over the seeds of each case."""
+    from scipy.stats import spearmanr
+
+    def alone(row: Row) -> bool:
+        hangs = row["seed"].startswith("held") and "sweeps" not in row["seed"]
+        return hangs or row["seed"] in ("rest", "min depth", "maximal", "minimal")
+
+    lines = []
+    for solver in ("multigrid", "Jacobi CG", "plain CG"):
+        column = f"{solver} residual"
+        for bars in (True, False):
+            line = [solver, "bars" if bars else "other meshes"]
+            for some in (False, True):
+                found = []
+                for seeds in by_case([r for r in rows if r["mesh"].startswith("bar") == bars]).values():
+                    chosen = [r for r in seeds.values() if r.get(column, [None] * 3)[MIDDLE] is not None]
+                    chosen = [r for r in chosen if not some or (alone(r) and r["kind"] != "noise")]
+                    pairs = [(r["energy"], r[column][MIDDLE]) for r in chosen]
+                    if len(pairs) > 5 and len({count for _, count in pairs}) > 1:
+                        found.append(float(spearmanr(*zip(*pairs, strict=True)).statistic))
+                line.append(spread(found))
+            lines.append(line)
+    return markdown(["solver", "", "all seeds", "rotations and stretches: rest and trees alone"], lines)
+
+
+def theory(rows: Rows) -> str:
+    """Measured over predicted energy and position error of estimates along trees that hang from what is held."""
+    rows = [r for r in rows if "theory" in r and r["exactness"] > 1e-9]
+    lines = []
+    for label, column in (
+        ("1 + mean stretch", "white"),
+        ("sum of mu times the sum of h^2 around cycles", "local"),
+        ("bound, all h of a cycle aligned", "bound"),
+        ("sum of mu c^2, exact", "exact"),
+    ):
+        line = [label]
+        for noise in (True, False):
+            line.append(spread([r["energy"] / r["theory"][column] for r in rows if (r["kind"] == "noise") == noise]))
+        lines.append(line)
+    line = ["position error: sum of h^2 to the root"]
+    for noise in (True, False):
+        line.append(spread([r["rms"] / r["theory"]["position"] for r in rows if (r["kind"] == "noise") == noise]))
+    stretches = [
+        [seed, *(spread([r["theory"][c] for r in rows if r["seed"].startswith(seed)], 3) for c in ("stretch", "depth"))]
+        for seed in dict.fromkeys("held: random" if "random" in r["seed"] else r["seed"] for r in rows)
+    ]
+    measured = markdown(["measured over predicted", "noise", "rotations and stretches"], [*lines, line])
+    return measured + "\n\n" + markdown(["tree", "mean stretch", "depth"], stretches)
+
+
+def one_case(rows: Rows, mesh: str, kind: str, amount: float) -> str:
+    """All seeds of one case, iterations to the three tolerances of the residual."""
+    chosen = [r for r in rows if (r["mesh"], r["kind"], r["amount"], r["weights"]) == (mesh, kind, amount, "cotangent")]
+    if not chosen:
+        return ""
+    names = [s for s in ("multigrid", "Jacobi CG", "plain CG", "Jacobi") if f"{s} residual" in chosen[0]]
+    lines = [
+        [
+            r["seed"],
+            f"{r['energy']:.3g}",
+            f"{100 * r['farthest']:.2g}",
+            *(", ".join(str(k) if k is not None else "-" for k in r.get(f"{n} residual", [])) for n in names),
+        ]
+        for r in chosen
+    ]
+    return markdown(["seed", "energy", "error / %", *names], lines)
+
+
+def others(rows: Rows) -> str:
+    """Iterations to 1e-5 of the residual in the other algorithms: multigrid, and Jacobi CG."""
+    names = pooled(rows)
+    lines = []
+    groups: dict[tuple[Any, ...], Rows] = defaultdict(list)
+    for row in rows:
+        step = "later steps" if row["kind"] == "ARAP step" and row["amount"] > 1 else ""
+        groups[row["mesh"], row["kind"], step or "first step" if "ARAP" in row["kind"] else "",
+               row.get("degrees", row["amount"])].append(row)  # fmt: skip
+    for (mesh, kind, step, amount), found in groups.items():
+        for solver in ("multigrid", "Jacobi CG"):
+            column = f"{solver} residual"
+            if column not in found[0]:
+                continue
+            line = [f"{kind} {step}".strip(), mesh, f"{amount:g}", solver]
+            for name in names:
+                counts = [r[column][MIDDLE] for r in found if r["seed"] == name and r[column][MIDDLE] is not None]
+                line.append(f"{statistics.median(counts):g}" if counts else "-")
+            lines.append(line)
+    return markdown(["algorithm", "mesh", "degrees, side", "solver", *names], lines)
+
+
+def default_start(rows: Rows) -> str:
+    """The default rule against the best start of each case; the worst cases by name."""
+    cases: dict[tuple[Any, ...], dict[str, Row]] = defaultdict(dict)
+    for row in rows:
+        cases[row["mesh"], row["kind"], row["amount"], row["weights"], row["solver"]][row["start"]] = row
+    lines, named = [], []
+    for solver in ("multigrid", "Jacobi CG", "Jacobi"):
+        chosen = {key: starts for key, starts in cases.items() if key[-1] == solver}
+        if not chosen:
+            continue
+        more = [s["auto"]["iterations"] - min(r["iterations"] for r in s.values()) for s in chosen.values()]
+        time = [s["auto"]["seconds"] / min(r["seconds"] for r in s.values()) for s in chosen.values()]
+        rest = [s["rest"]["seconds"] / min(r["seconds"] for r in s.values()) for s in chosen.values()]
+        lines.append([solver, len(chosen), spread([float(m) for m in more]), max(more),
+                      f"{sum(m <= 2 for m in more)}", f"{100 * np.mean([t <= 1.15 for t in time]):.0f} %",
+                      f"{100 * np.mean([t <= 1.15 for t in rest]):.0f} %"])  # fmt: skip
+        for key, m, t in zip(chosen, more, time, strict=True):
+            if (solver == "multigrid" and m > 2) or (solver != "multigrid" and t > 1.15):
+                best = min(chosen[key].values(), key=lambda r: r["seconds"])
+                named.append([*key, m, f"{t:.2f}", best["start"]])
+    columns = [
+        "solver",
+        "cases",
+        "iterations more than the best",
+        "most",
+        "at most 2 more",
+        "time within 1.15 of the best",
+        "rest: within 1.15",
+    ]
+    table = markdown(columns, lines)
+    worst = markdown(
+        ["mesh", "kind", "amount", "weights", "solver", "iterations more", "time over the best", "best"], named
+    )
+    return f"{table}\n\n{worst}"
+
+
+def transfer(rows: Rows) -> str:
+    """Milliseconds of each step."""
+    names = [c for c in rows[0] if c.endswith(" s")] if rows else []
+    lines = [[n.removesuffix(" s"), *(f"{1e3 * r[n]:.3g}" for r in rows)] for n in names]
+    return markdown(["milliseconds", *(f"{r['mesh']}, {r['nodes']:,}" for r in rows)], lines)
