@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -155,45 +155,56 @@ class Deformer:
         stages.stop("fields")
         v = nodes.form(graph, rest.x)
         stages.stop("1-form")
-        problem = Problem(
-            graph,
-            rest.x,
-            v,
-            self._previous,
-            pinned=grip.pinned if grip.attachment is None else None,
-            placed=placed(rest.x, grip, places, rest),
-            gain=0.0 if constraints else worthwhile(self._solver, graph.device),
-        )
-        begin = placed(make_start(problem), grip, places, rest)
+        begin = self._begin(make_start, grip, places, v, constrained=bool(constraints))
         stages.stop("start")
         states = self._states_under(constraints)
         state = states.of(grip.pinned, grip.attachment)
         stages.stop("prepare")
         target = begin if grip.attachment is None else placed(rest.x, grip, places, rest)
         solution = states.solver.solve(state, v, begin, target=target, progress=progress)
-        refined, v_of_fields = None, v
+        stages.stop("solve")
+        refined = None
         if arap.steps:
-            stages.stop("solve")
             refined = self._refiner.refined(arap, grip, state, solution.x, v, nodes, target)
-            v = refined.v
+            solution = states.solver.solve(state, refined.v, refined.x, target=target, progress=progress)
             stages.stop("refine")
-            solution = states.solver.solve(state, v, refined.x, target=target, progress=progress)
         keep_centroids(graph, state.floating, solution.x, rest.x)
         self._previous = solution.x
-        stages.stop("solve")
         return Deformation(
             solution=solution,
             _grip=grip if fields is None else None,
             _places=places,
-            _equations=self._held[1] if constraints else None,
-            _predict=lambda: self._predicted(grip, v_of_fields, begin),
+            _equations=self._held[1] if self._held is not None and constraints else None,
+            _predict=lambda: self._predicted(grip, v, begin),
             _nodes=nodes,
-            _form=v,
+            _form=v if refined is None else refined.v,
             refined=refined,
             _begin=begin,
             _rest=rest,
             _stages=stages,
         )
+
+    def _begin(
+        self,
+        make_start: Callable[[Problem], wp.array[wp.vec3d]],
+        grip: Grip,
+        places: Places | None,
+        v: wp.array[wp.vec3d],
+        *,
+        constrained: bool,
+    ) -> wp.array[wp.vec3d]:
+        """The start (n,) for a 1-form v (m,), with pinned nodes where they are to be."""
+        rest = self._rest
+        problem = Problem(
+            self.graph,
+            rest.x,
+            v,
+            self._previous,
+            pinned=grip.pinned if grip.attachment is None else None,
+            placed=placed(rest.x, grip, places, rest),
+            gain=0.0 if constrained else worthwhile(self._solver, self.graph.device),
+        )
+        return placed(make_start(problem), grip, places, rest)
 
     def _predicted(
         self, grip: Grip, v: wp.array[wp.vec3d], begin: wp.array[wp.vec3d]
