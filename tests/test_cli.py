@@ -161,6 +161,8 @@ def test_recipe_gives_handles_and_settings_and_options_win(bar, tmp_path):
     assert (report["vertices"], report["edges"], report["components"]) == (74, 216, 1)
     assert report["residual_over_goal"] <= 1 < report["energy"] * 1e6
     assert {"read", "fields", "solve", "write"} <= set(report["seconds"])
+    assert 0.5 < report["measures"]["volume"] < 1.5
+    assert report["measures"]["edge_rms"] > 0.0
 
 
 def test_a_preview_is_a_picture(bar, tmp_path):

@@ -68,8 +68,17 @@ def report_json(plan: Plan, solution: Deformation, seconds: Mapping[str, float],
         "iterations": solution.iterations,
         "restarts": solution.restarts,
         "seconds": dict(seconds),
+        "measures": _measures(plan, solution),
         "warnings": list(solution.warnings),
     }
+
+
+def _measures(plan: Plan, solution: Deformation) -> dict[str, float | None]:
+    """What the deformation did, in numbers; self-intersections, which take longest, are left to the filter."""
+    from oneform_warp.measures import measures
+
+    found = measures(plan.mesh.positions, solution.x, plan.mesh.faces, intersections=False)
+    return {name: _finite(value) for name, value in found.known().items()}
 
 
 def _solver(plan: Plan) -> str:
