@@ -6,7 +6,7 @@ import time
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from oneform_warp.errors import InputError, OneFormWarning
 from oneform_warp.filters.formats.motion import Normals
+from oneform_warp.filters.measures import MEASURES
 from oneform_warp.filters.meshfile import MeshFile, read_mesh
 from oneform_warp.filters.meshset import MeshSet
 from oneform_warp.filters.native import NATIVE_ERRORS
@@ -43,6 +44,8 @@ class ChainReport:
     """What the written format loses, in words."""
     moved_only: bool
     """Whether the chain changed nothing but positions, so that the output is the input with others."""
+    measures: Mapping[str, float] = field(default_factory=dict)
+    """What the last get_oneform_measures found."""
 
 
 class Passage:
@@ -64,6 +67,8 @@ class Passage:
             if step.filter in own_filters():
                 known = ChainReport.__annotations__
                 self._results |= {name: value for name, value in result.items() if name in known}
+                if step.filter == MEASURES.name:
+                    self._results["measures"] = {name: float(value) for name, value in result.items()}
             self._seconds[f"{number} {step.filter}"] = time.perf_counter() - begin
             self.done = number
 
@@ -78,6 +83,7 @@ class Passage:
             seconds=dict(self._seconds),
             lost=(),
             moved_only=self.meshes.mesh_number() > 0 and self.meshes.looks_like(self._before),
+            measures=self._results.get("measures", {}),
         )
 
 

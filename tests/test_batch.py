@@ -483,6 +483,23 @@ def test_the_report_has_pictures_and_reasons_and_loads_nothing(folder):
     assert not re.search(r"""(src|href|url)\s*[=(]\s*["']?(?!["']?data:image/png)""", page)
 
 
+def test_measures_of_the_recipe_are_columns_of_journal_and_report(folder):
+    twist = """
+[[steps]]
+filter = "apply_coord_oneform_twist"
+angle = 90
+
+[[steps]]
+filter = "get_oneform_measures"
+selfintersections = false
+"""
+    Path("twist.toml").write_text(twist)
+    assert batch("twist.toml", "scans", "-o", "out", "-j", "1", "--report", "--quiet").exit_code == 0
+    for line in lines():
+        assert 0.5 < line["measures"]["volume"] < 1.0
+    assert "<th>volume</th>" in Path("out/report.html").read_text()
+
+
 NOTHING_RUNS = [
     ("gone.toml scans -o out", "gone.toml: cannot be read"),
     ("bad.toml scans -o out", "bad.toml: step 1"),

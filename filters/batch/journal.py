@@ -40,6 +40,7 @@ class Entry:
     residual: float | None = None
     iterations: int | None = None
     converged: bool = True
+    measures: Mapping[str, float] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
     lost: tuple[str, ...] = ()
     seconds: Mapping[str, float] = field(default_factory=dict)

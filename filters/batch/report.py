@@ -49,8 +49,9 @@ def report_html(title: str, entries: Sequence[Entry], pictures: Mapping[str, byt
         figures = [_figure(shown[output], picture) for output, picture in pictures.items() if output in shown]
         parts.append("<h2>Before and after</h2>" + "".join(figures))
     if written:
-        heads = ("output", "residual", "iterations", "seconds", "notes")
-        parts.append("<h2>Outputs</h2>" + _table(heads, [_row(entry) for entry in written]))
+        measures = list(dict.fromkeys(name for entry in written for name in entry.measures))
+        heads = ("output", "residual", "iterations", "seconds", *measures, "notes")
+        parts.append("<h2>Outputs</h2>" + _table(heads, [_row(entry, measures) for entry in written]))
     summary = f"{len(written):,} written, {len(failed):,} failed"
     return PAGE.format(title=_text(title), summary=summary, body="\n".join(parts))
 
@@ -71,12 +72,13 @@ def printable(name: str) -> str:
     return "".join(c if c.isprintable() else repr(c)[1:-1] for c in name)
 
 
-def _row(entry: Entry) -> tuple[str, ...]:
+def _row(entry: Entry, measures: Sequence[str]) -> tuple[str, ...]:
     notes = [*([] if entry.converged else ["not converged"]), *entry.warnings]
     notes += [f"the format cannot hold {each}" for each in entry.lost]
     residual = "" if entry.residual is None else f"{entry.residual:.3g}"
     iterations = "" if entry.iterations is None else f"{entry.iterations:,}"
-    return entry.output, residual, iterations, f"{sum(entry.seconds.values()):.2f}", "; ".join(notes)
+    found = [f"{entry.measures[name]:.4g}" if name in entry.measures else "" for name in measures]
+    return entry.output, residual, iterations, f"{sum(entry.seconds.values()):.2f}", *found, "; ".join(notes)
 
 
 def _figure(entry: Entry, picture: bytes | str) -> str:

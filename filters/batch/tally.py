@@ -98,6 +98,7 @@ class Tally:
             residual=report.residual,
             iterations=report.iterations,
             converged=report.converged,
+            measures=report.measures,
             warnings=report.warnings,
             lost=report.lost,
             seconds={stage: round(seconds, 6) for stage, seconds in made.seconds.items()},
