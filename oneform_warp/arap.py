@@ -190,7 +190,10 @@ def _global_step(energy: CellEnergy, state: State, fit: Fit) -> wp.array[wp.vec3
     goals = state.system.goals
     goals.set([energy.square, energy.square, energy.none], REDUCTION)
     goals.take_aim(state.inner.floor)
-    return state.held(corrected(state.system.graph, fit.x, state.inner.correct(fit.r, INNER_ITERATIONS, None)))
+    x = corrected(state.system.graph, fit.x, state.inner.correct(fit.r, INNER_ITERATIONS, None))
+    # The energy does not see a translation, so a component's only pin stays where it is by moving the rest.
+    state.system.anchors.restore(x, fit.x)
+    return state.held(x)
 
 
 @wp.kernel(enable_backward=False)

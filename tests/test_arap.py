@@ -319,3 +319,16 @@ def test_a_turn_that_refining_unwinds_is_named(angle: float, warned: bool) -> No
     head = ow.Handle(z > 0.9, axis="z", angle=angle, pivot="centroid", name="head")
     solution = ow.Deformer(x, faces).solve([ow.Handle(z < 0.1, held=True), head], refine=2)
     assert any("'head' turns by 270 degrees" in text for text in solution.warnings) == warned
+
+
+@pytest.mark.parametrize("solver", [ow.CG(), ow.Multigrid(), ow.SuperLU()])
+@pytest.mark.parametrize("move", [None, (0.1, 0.2, 0.3)])
+def test_a_single_pin_stays_where_it_is(solver: Any, move: Any, device: str) -> None:
+    x, faces = ow.shapes.bar()
+    pin = ow.Handle([0], held=True) if move is None else ow.Handle([0], move=move)
+    handles = [pin, ow.Handle(x[:, 2] > 0.9, axis="x", angle=60)]
+    y = ow.Deformer(x, faces, solver=solver, device=device).solve(handles, refine=5).x
+    assert np.array_equal(y[0], x[0] + (np.zeros(3) if move is None else np.array(move)))
+    assert np.linalg.norm(y - y[0], axis=1).max() < 1.2 * np.linalg.norm(x - x[0], axis=1).max()
+    neighbours = np.unique(np.asarray(faces)[(np.asarray(faces) == 0).any(axis=1)])
+    assert np.linalg.norm(y[neighbours] - y[0], axis=1).max() < 2.0 * np.linalg.norm(x[neighbours] - x[0], axis=1).max()

@@ -9,7 +9,15 @@ import numpy as np
 
 from oneform_warp.cli.recipe import Asked
 from oneform_warp.cli.selections import select_vertices
-from oneform_warp.cli.specs import READERS, HandleSpec, number_from, unknown_name, vector_from
+from oneform_warp.cli.specs import (
+    READERS,
+    HandleSpec,
+    number_from,
+    selection_from,
+    unknown_name,
+    vector_from,
+    vertex_from,
+)
 from oneform_warp.constraint_kinds import CONSTRAINTS, constraint_of_kind
 from oneform_warp.constraints import Constraint
 from oneform_warp.errors import InputError
@@ -74,27 +82,14 @@ def constraint_from(kind: str, given: Mapping[str, Any], where: str, folder: Pat
     return ConstraintSpec(kind, {key: VALUES[key](value, f"{where}: {key}") for key, value in given.items()}, folder)
 
 
-def _selection(value: Any, where: str) -> str:
-    if not isinstance(value, str) or not value:
-        raise InputError(f"{value!r} is no selection", where=where, fix='write one as "z > 0.4"')
-    return value
-
-
-def _vertex(value: Any, where: str) -> int:
-    number = number_from(value, where)
-    if number != int(number):
-        raise InputError(f"{value!r} is no vertex", where=where, fix="give its number")
-    return int(number)
-
-
 def _vector(value: Any, where: str) -> tuple[float, ...]:
     return vector_from(value, where, "give three numbers as 0:0:1")
 
 
 VALUES: dict[str, Callable[[Any, str], Any]] = {
-    "select": _selection,
+    "select": selection_from,
     "name": READERS["name"],
-    **dict.fromkeys(("a", "b", "i", "j", "k"), _vertex),
+    **dict.fromkeys(("a", "b", "i", "j", "k"), vertex_from),
     **dict.fromkeys(("to", "offset", "direction", "normal", "rotation"), _vector),
     **dict.fromkeys(("length", "height", "ratio", "angle", "weight"), number_from),
     "axis": READERS["axis"],

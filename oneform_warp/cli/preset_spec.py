@@ -8,7 +8,7 @@ from typing import Any
 
 from oneform_warp.cli.recipe import Asked
 from oneform_warp.cli.selections import select_vertices
-from oneform_warp.cli.specs import READERS, HandleSpec, number_from, unknown_name
+from oneform_warp.cli.specs import READERS, HandleSpec, number_from, selection_from, unknown_name, vertex_from
 from oneform_warp.errors import InputError
 from oneform_warp.filters import MeshFile
 from oneform_warp.handles import Handle
@@ -78,19 +78,6 @@ def _axis(value: Any, where: str) -> Any:
     return None if value == PRINCIPAL else READERS["axis"](value, where)
 
 
-def _selection(value: Any, where: str) -> str:
-    if not isinstance(value, str) or not value:
-        raise InputError(f"{value!r} is no selection", where=where, fix='write one as "z > 0.4 && z < 0.5"')
-    return value
-
-
-def _vertex(value: Any, where: str) -> int:
-    number = number_from(value, where)
-    if number != int(number):
-        raise InputError(f"{value!r} is no vertex", where=where, fix="give its number")
-    return int(number)
-
-
 VALUES: dict[str, Callable[[Any, str], Any]] = {
     "angle": number_from,
     "factor": number_from,
@@ -100,6 +87,6 @@ VALUES: dict[str, Callable[[Any, str], Any]] = {
     "at": number_from,
     "room": number_from,
     "keep_volume": READERS["held"],
-    "joint": _selection,
-    "beyond": _vertex,
+    "joint": selection_from,
+    "beyond": vertex_from,
 }

@@ -9,7 +9,17 @@ from typing import Any
 
 from oneform_warp.errors import InputError
 
-__all__ = ["HandleSpec", "handle_options", "number_from", "parse_spec", "specs_from", "unknown_name", "vector_from"]
+__all__ = [
+    "HandleSpec",
+    "handle_options",
+    "number_from",
+    "parse_spec",
+    "selection_from",
+    "specs_from",
+    "unknown_name",
+    "vector_from",
+    "vertex_from",
+]
 
 
 @dataclass(frozen=True)
@@ -87,6 +97,21 @@ def vector_from(value: Any, where: str, fix: str) -> tuple[float, ...]:
     if not isinstance(parts, list) or len(parts) != 3:
         raise InputError(f"{value!r} is not three numbers", where=where, fix=fix)
     return tuple(number_from(part, where) for part in parts)
+
+
+def selection_from(value: Any, where: str) -> str:
+    """A selection as text; InputError where it is none."""
+    if not isinstance(value, str) or not value:
+        raise InputError(f"{value!r} is no selection", where=where, fix='write one as "z > 0.4"')
+    return value
+
+
+def vertex_from(value: Any, where: str) -> int:
+    """The number of a vertex; InputError where it is none."""
+    number = number_from(value, where)
+    if number != int(number):
+        raise InputError(f"{value!r} is no vertex", where=where, fix="give its number")
+    return int(number)
 
 
 def _axis(value: Any, where: str) -> str | tuple[float, ...]:
