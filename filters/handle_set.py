@@ -22,7 +22,7 @@ from oneform_warp.fields import Fields, smooth_fields
 from oneform_warp.graph import Graph
 from oneform_warp.handles import FIT, Handle
 from oneform_warp.sequences import Keyframes
-from oneform_warp.struts import struts
+from oneform_warp.struts import extra_edges
 
 __all__ = ["SOLVERS", "HandleSet", "PlacedHandle", "Settings", "StaleHandles"]
 
@@ -224,13 +224,9 @@ class HandleSet:
         if self._deformer is None or self._deformer[0] != key:
             if not len(self.faces):
                 raise InputError("there are only points, and a deformation needs edges", fix="give a mesh with faces")
-            inner: dict[str, Any] = {}
-            if settings.struts is not None:
-                found = struts(self.rest, self.faces, weld=settings.weld, device=settings.device)
-                inner["extra_edges"], inner["extra_weight"] = found.beside(settings.struts)
-            graph = Graph.from_faces(
-                self.rest, self.faces, weights=settings.weights, weld=settings.weld, device=settings.device, **inner
-            )
+            where: dict[str, Any] = {"weld": settings.weld, "device": settings.device}
+            inner = extra_edges(self.rest, self.faces, settings.struts, **where)
+            graph = Graph.from_faces(self.rest, self.faces, weights=settings.weights, **where, **inner)
             self._deformer = key, Deformer(self.rest, graph, solver=settings.solver_on(graph))
         return self._deformer[1]
 

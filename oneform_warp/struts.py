@@ -19,7 +19,7 @@ from oneform_warp.polygons import Faces
 from oneform_warp.surface import Surface, surface
 from oneform_warp.weld import weld as weld_positions
 
-__all__ = ["FIRMNESS", "Struts", "struts"]
+__all__ = ["FIRMNESS", "Struts", "extra_edges", "struts"]
 
 Floats = NDArray[np.float64]
 
@@ -159,6 +159,16 @@ def struts(x: Any, faces: Faces, *, weld: float | None = 0.0, device: Any = None
     facing = _faced(made, device)
     one = np.flatnonzero(facing >= 0)
     return _merged(made, one, facing[one], first)
+
+
+def extra_edges(
+    x: Any, faces: Faces, strength: float | None, *, weld: float | None = 0.0, device: Any = None
+) -> dict[str, Any]:
+    """What `Graph.from_faces` takes for struts of a strength: extra_edges and extra_weight; None for none."""
+    if strength is None:
+        return {}
+    pairs, weights = struts(x, faces, weld=weld, device=device).beside(strength)
+    return {"extra_edges": pairs, "extra_weight": weights}
 
 
 def _merged(made: Surface, one: NDArray[np.int64], other: NDArray[np.int64], first: NDArray[np.int32]) -> Struts:

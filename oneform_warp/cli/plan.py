@@ -27,7 +27,7 @@ from oneform_warp.graph import Graph
 from oneform_warp.handles import Handle
 from oneform_warp.sequences import Keyframes
 from oneform_warp.solvers import Progress, solver_named
-from oneform_warp.struts import struts
+from oneform_warp.struts import extra_edges
 from oneform_warp.symmetry import mirror
 
 __all__ = ["Plan", "check_faces", "falloff_of", "make_deformer", "make_handles", "make_plan", "solve_options"]
@@ -125,14 +125,9 @@ def _targets(mesh: MeshFile, spec: HandleSpec) -> NDArray[np.float64]:
 
 def make_deformer(mesh: MeshFile, settings: Settings) -> Deformer:
     """The mesh at rest, with the graph, weights and solver that the settings ask for."""
-    weld = weld_length(settings.weld)
-    inner: dict[str, Any] = {}
-    if settings.struts is not None:
-        found = struts(mesh.positions, mesh.faces, weld=weld, device=settings.device)
-        inner["extra_edges"], inner["extra_weight"] = found.beside(settings.struts)
-    graph = Graph.from_faces(
-        mesh.positions, mesh.faces, weights=settings.weights, weld=weld, device=settings.device, **inner
-    )
+    where: dict[str, Any] = {"weld": weld_length(settings.weld), "device": settings.device}
+    inner = extra_edges(mesh.positions, mesh.faces, settings.struts, **where)
+    graph = Graph.from_faces(mesh.positions, mesh.faces, weights=settings.weights, **where, **inner)
     return Deformer(mesh.positions, graph, solver=solver_named(settings.solver, graph, settings.solver_options))
 
 
