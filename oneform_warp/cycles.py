@@ -9,7 +9,9 @@ the misses of all small cycles inside a large one add up, in proportion to its a
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Sequence
+from functools import cached_property
+from typing import Any, NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -17,7 +19,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from oneform_warp.graph import Graph
-from oneform_warp.segments import launch_chunks, sum_chunks
+from oneform_warp.replay import Replay
 
 __all__ = ["Misses", "node_energies", "short_cycle_misses"]
 
@@ -84,20 +86,6 @@ def _quadrangles(
     cycle_out[i] = cycle
 
 
-_KNOWN: WeakKeyDictionary[Graph, wp.array[wp.vec4i]] = WeakKeyDictionary()
-
-
-def _cycles(graph: Graph) -> wp.array[wp.vec4i]:
-    """A triangle or quadrangle at each node, (n,) edges in turn, ~e against their direction; for the graph's life."""
-    if graph not in _KNOWN:
-        found: wp.array[wp.vec4i] = wp.empty(graph.node_count, dtype=wp.vec4i, device=graph.device)
-        inputs = [graph.offsets, graph.neighbours, graph.incident]
-        for kernel in (_triangles, _quadrangles):
-            wp.launch(kernel, dim=graph.node_count, inputs=inputs, outputs=[found], device=graph.device)
-        _KNOWN[graph] = found
-    return _KNOWN[graph]
-
-
 @wp.kernel(enable_backward=False)
 def _misses(
     chunk_offsets: wp.array[wp.int32],
@@ -161,31 +149,6 @@ def _agreement(
     wp.tile_store(sum_out, wp.tile_sum(wp.tile(total, preserve_type=True)), offset=chunk)
 
 
-class Misses(NamedTuple):
-    """Per component with edges, on the host, (C,) each."""
-
-    q: NDArray[np.float64]
-    rho: NDArray[np.float64]
-    change: NDArray[np.float64]
-    """sum |v - dx|^2 over the edges of the cycles."""
-
-
-def short_cycle_misses(graph: Graph, x: wp.array[wp.vec3d], v: wp.array[wp.vec3d]) -> Misses:
-    """q and rho of a 1-form v (m,) and positions x (n,); zero where a component has no short cycle, or v = dx."""
-    segments = graph.segments
-    miss, area = wp.empty_like(x), wp.empty_like(x)
-    squares, sums = segments.partials(), segments.partials()
-    launch_chunks(_misses, segments, [graph.tail, graph.head, _cycles(graph), x, v], [miss, area, squares])
-    launch_chunks(_agreement, segments, [graph.offsets, graph.neighbours, miss, area], [sums])
-    missed, change, _ = sum_chunks(segments, squares, segments.zeros()).numpy().T
-    same, most, _ = sum_chunks(segments, sums, segments.zeros()).numpy().T
-    return Misses(_ratio(missed, change), _ratio(same, most), change)
-
-
-def _ratio(part: NDArray[np.float64], whole: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.divide(part, whole, out=np.zeros_like(part), where=whole > 0.0)
-
-
 @wp.kernel(enable_backward=False)
 def _energies(
     chunk_offsets: wp.array[wp.int32],
@@ -213,6 +176,86 @@ def _energies(
     wp.tile_store(energy_out, wp.tile_sum(wp.tile(energy, preserve_type=True)), offset=chunk)
 
 
+class _Recorded:
+    """The launches on one graph, which are recorded, and what they leave: a vec3d per chunk. The graph is not kept."""
+
+    def __init__(self, graph: Graph) -> None:
+        self.segments, self.device = graph.segments, graph.device
+        self.near = [graph.offsets, graph.neighbours, graph.incident]
+        self.ends, self.mu = [graph.tail, graph.head], graph.mu
+        self.partial = graph.segments.partials()
+        self.first = graph.segments.component_chunks.numpy()[:-1].copy()
+
+    @cached_property
+    def misses(self) -> Replay:
+        count = self.near[0].shape[0] - 1
+        cycle: wp.array[wp.vec4i] = wp.empty(count, dtype=wp.vec4i, device=self.device)
+        for kernel in (_triangles, _quadrangles):
+            wp.launch(kernel, dim=count, inputs=self.near, outputs=[cycle], device=self.device)
+        return self._record(_misses, [*self.ends, cycle], ["x", "v", "miss_out", "area_out"])
+
+    @cached_property
+    def agreement(self) -> Replay:
+        return self._record(_agreement, self.near[:2], ["miss", "area"])
+
+    @cached_property
+    def energies(self) -> Replay:
+        return self._record(_energies, [*self.near, self.mu], ["x", "y", "v"])
+
+    def _record(self, kernel: wp.Kernel, fixed: Sequence[Any], changing: Sequence[str]) -> Replay:
+        """A kernel over chunks: arrays that stay, rows of vec3d that change, and the partial sums."""
+        rows = [wp.empty(0, dtype=wp.vec3d, device=self.device) for _ in changing]
+        inputs = [self.segments.chunk_offsets, *fixed, *rows, self.partial]
+        launch = wp.launch_tiled(
+            kernel,
+            dim=[self.segments.chunk_count],
+            inputs=inputs,
+            block_dim=self.segments.lanes,
+            device=self.device,
+            record_cmd=True,
+        )
+        return Replay(launch, changing, keep=inputs)
+
+    def sums(self) -> NDArray[np.float64]:
+        """The partial sums by component, (C, 3), in an order that other components do not change."""
+        total: NDArray[np.float64] = np.add.reduceat(self.partial.numpy(), self.first)
+        return total
+
+
+_KNOWN: WeakKeyDictionary[Graph, _Recorded] = WeakKeyDictionary()
+
+
+def _recorded(graph: Graph) -> _Recorded:
+    """For the graph's life."""
+    if graph not in _KNOWN:
+        _KNOWN[graph] = _Recorded(graph)
+    return _KNOWN[graph]
+
+
+class Misses(NamedTuple):
+    """Per component with edges, on the host, (C,) each."""
+
+    q: NDArray[np.float64]
+    rho: NDArray[np.float64]
+    change: NDArray[np.float64]
+    """sum |v - dx|^2 over the edges of the cycles."""
+
+
+def short_cycle_misses(graph: Graph, x: wp.array[wp.vec3d], v: wp.array[wp.vec3d]) -> Misses:
+    """q and rho of a 1-form v (m,) and positions x (n,); zero where a component has no short cycle, or v = dx."""
+    recorded = _recorded(graph)
+    miss, area = wp.empty_like(x), wp.empty_like(x)
+    recorded.misses(x, v, miss, area)
+    missed, change, _ = recorded.sums().T
+    recorded.agreement(miss, area)
+    same, most, _ = recorded.sums().T
+    return Misses(_ratio(missed, change), _ratio(same, most), change)
+
+
+def _ratio(part: NDArray[np.float64], whole: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.divide(part, whole, out=np.zeros_like(part), where=whole > 0.0)
+
+
 def node_energies(
     graph: Graph, x: wp.array[wp.vec3d], y: wp.array[wp.vec3d], v: wp.array[wp.vec3d]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -220,9 +263,7 @@ def node_energies(
 
     Summed in an order that other components do not change.
     """
-    segments = graph.segments
-    partial = segments.partials()
-    inputs = [graph.offsets, graph.neighbours, graph.incident, graph.mu, x, y, v]
-    launch_chunks(_energies, segments, inputs, [partial])
-    first, second, _ = sum_chunks(segments, partial, segments.zeros()).numpy().T
+    recorded = _recorded(graph)
+    recorded.energies(x, y, v)
+    first, second, _ = recorded.sums().T
     return first, second

@@ -20,8 +20,9 @@ from oneform_warp.cycles import node_energies, short_cycle_misses
 from oneform_warp.errors import InputError
 from oneform_warp.forms import node_differential
 from oneform_warp.graph import Graph
+from oneform_warp.rings import Rings
 from oneform_warp.solvers import CG, Jacobi, Multigrid, Solver
-from oneform_warp.tree import SpanningTree, integrate_nodes, integrate_rings, spanning_tree
+from oneform_warp.tree import SpanningTree, integrate_nodes, spanning_tree
 
 __all__ = ["STARTS", "Problem", "Start", "read_start", "worthwhile"]
 
@@ -101,25 +102,24 @@ def _auto(problem: Problem) -> wp.array[wp.vec3d]:
     return wp.array(rows, dtype=wp.vec3d, device=graph.device)
 
 
-_KNOWN: WeakKeyDictionary[Graph, tuple[NDArray[np.bool_], tuple[Any, ...]]] = WeakKeyDictionary()
-"""The last pins of a graph, and the arrays of the trees that hang from them; a tree itself would keep its graph."""
+_KNOWN: WeakKeyDictionary[Graph, tuple[NDArray[np.bool_], Rings]] = WeakKeyDictionary()
+"""The last pins of a graph, and the rings around them."""
 
 
-def _hanging(graph: Graph, pinned: NDArray[np.bool_]) -> SpanningTree:
-    """The trees of least depth from the pinned nodes, kept for the pins that come again."""
+def _around(graph: Graph, pinned: NDArray[np.bool_]) -> Rings:
+    """The rings around the pinned nodes, kept for the pins that come again."""
     known = _KNOWN.get(graph)
     if known is None or not np.array_equal(known[0], pinned):
-        tree = spanning_tree(graph, roots=graph.vertex_at[pinned])
-        known = _KNOWN[graph] = pinned.copy(), (tree.order, tree.parent, tree.link, tree.depth)
-    return SpanningTree(graph, *known[1])
+        rings = Rings(spanning_tree(graph, roots=graph.vertex_at[pinned]))
+        known = _KNOWN[graph] = pinned.copy(), rings
+    return known[1]
 
 
 def _rings(problem: Problem) -> wp.array[wp.vec3d]:
     """The integral from what is pinned outwards, ring by ring; from the centres of what has no pins."""
     graph = problem.graph
-    nothing = np.zeros(graph.node_count, dtype=bool)
-    tree = _hanging(graph, nothing if problem.pinned is None else problem.pinned)
-    return integrate_rings(tree, problem.v, problem.begin).to(graph.device)
+    pinned = np.zeros(graph.node_count, dtype=bool) if problem.pinned is None else problem.pinned
+    return _around(graph, pinned).integrate(problem.v, problem.begin).to(graph.device)
 
 
 def _rest(problem: Problem) -> wp.array[wp.vec3d]:

@@ -241,50 +241,6 @@ def integrate_nodes(tree: SpanningTree, v: wp.array[wp.vec3d], at_roots: wp.arra
     return x
 
 
-@wp.kernel(enable_backward=False)
-def _integrate_rings(
-    # Graph:
-    offsets: wp.array[wp.int32],
-    neighbours: wp.array[wp.int32],
-    incident: wp.array[wp.int32],
-    mu: wp.array[wp.float64],
-    # In:
-    order: wp.array[wp.int32],
-    depth: wp.array[wp.int32],
-    v: wp.array[wp.vec3d],
-    # Out:
-    x_out: wp.array[wp.vec3d],
-):
-    # x_out comes in with the values at the roots, and at first elsewhere: only the change is summed up.
-    for k in range(order.shape[0]):
-        j = order[k]
-        change = wp.vec3d()
-        weight = wp.float64(0.0)
-        for h in range(offsets[j], offsets[j + 1]):
-            i = neighbours[h]
-            if depth[i] < depth[j]:
-                e = wp.max(incident[h], ~incident[h])
-                there = wp.where(incident[h] < 0, v[e], -v[e])
-                # In this order nothing is left where nothing changes.
-                change += mu[e] * ((x_out[i] - x_out[j]) + there)
-                weight += mu[e]
-        if weight > wp.float64(0.0):
-            x_out[j] = x_out[j] + change / weight
-
-
-def integrate_rings(tree: SpanningTree, v: wp.array[wp.vec3d], at_roots: wp.array[wp.vec3d]) -> wp.array[wp.vec3d]:
-    """x_j = the mean by mu of x_i + v_ij over all neighbours i nearer to a root than j; rows per node, on the CPU.
-
-    tree: of least depth. All ways out of the ring before count, and not one as along a tree: less energy by half.
-    """
-    graph = tree.graph
-    x = wp.clone(at_roots, device="cpu")
-    table = [a.to("cpu") for a in (graph.offsets, graph.neighbours, graph.incident, graph.mu)]
-    depth = wp.array(tree.depth, dtype=wp.int32, device="cpu")
-    wp.launch(_integrate_rings, dim=1, inputs=[*table, tree.order, depth, v.to("cpu")], outputs=[x], device="cpu")
-    return x
-
-
 def integrate_tree(tree: SpanningTree, v: Any) -> Any:
     """x with x_j = x_i + v_ij on every edge of the tree, zero at the roots; integrate(dx) = x up to a translation.
 

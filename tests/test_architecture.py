@@ -12,14 +12,14 @@ ROOT = Path(oneform_warp.__file__).parent
 # The picture of ARCHITECTURE.md as layers: a module imports from layers above its own only (solvers and cli are folders).
 LAYERS = [
     ["errors"],
-    ["sorting", "rotations", "procrustes", "segments", "profiles", "surface", "intersections", "rigidity"],
+    ["replay", "sorting", "rotations", "procrustes", "segments", "profiles", "surface", "intersections", "rigidity"],
     ["arrays", "polygons", "conditions", "handle_values"],
     ["weld", "incidence", "weights", "shapes", "strain", "principal"],
     ["order", "intake", "handles", "measures"],
     ["assembly", "struts", "symmetry", "constraints"],
     ["graph", "constraint_kinds"],
     ["forms", "tree", "centroids", "cells", "cycles", "patches", "heat", "joints", "stretches"],
-    ["exactness", "solvers", "smoothness", "presets"],
+    ["exactness", "rings", "solvers", "smoothness", "presets"],
     ["grip", "rest", "starts"],
     ["influence", "overlap", "geodesics", "biharmonic", "places", "equations", "arap_energy"],
     ["falloff", "arap"],
@@ -35,7 +35,7 @@ LAYERS = [
 ]
 LAYER = {name: number for number, names in enumerate(LAYERS) for name in names}
 # Side by side in one layer, and still one way.
-WITHIN = {("starts", "tree"), ("exactness", "tree"), ("preview_polyscope", "preview")}
+WITHIN = {("exactness", "tree"), ("preview_polyscope", "preview")}
 
 
 def imported(path: Path) -> set[str]:

@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 
 import oneform_warp as ow
 from oneform_warp.forms import node_differential
-from oneform_warp.tree import integrate_nodes, integrate_rings
+from oneform_warp.rings import integrate_rings
+from oneform_warp.tree import integrate_nodes
 from references import RandomGraph, components, random_graph
 
 SEEDS = st.integers(0, 10**6)

@@ -7,9 +7,10 @@ from typing import Any
 from bench.tree.cases import Problem
 from oneform_warp.cycles import short_cycle_misses
 from oneform_warp.forms import node_energy
+from oneform_warp.rings import integrate_rings
 from oneform_warp.starts import AREA, COHERENT, STARTS, WALK, worthwhile
 from oneform_warp.starts import Problem as Start
-from oneform_warp.tree import integrate_rings, spanning_tree
+from oneform_warp.tree import spanning_tree
 
 
 def package_start(name: str, problem: Problem, solver: Any) -> Any:

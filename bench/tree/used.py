@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
+import numpy as np
 import warp as wp
 
 import oneform_warp as ow
@@ -32,8 +33,8 @@ def used(problem: Problem, solvers: Sequence[str]) -> list[dict[str, Any]]:
 def timed_starts(problem: Problem, name: str) -> list[dict[str, Any]]:
     """Iterations, and seconds of start and solve.
 
-    Starts take turns, so that shared cores disturb them alike. An iteration costs what it costs from any start:
-    "seconds" is the median of making the start and of one iteration over all solves, times the iterations.
+    Starts take turns in random order, so that shared cores and what ran before disturb them alike. A solve costs what it costs from any start: "seconds"
+    is the median of making the start, and `a + b * iterations` fitted to all solves of the case.
     """
     solver: Any = SOLVERS[name]
     state = solver.prepare(problem.graph, problem.shape.pinned)
@@ -47,9 +48,10 @@ def timed_starts(problem: Problem, name: str) -> list[dict[str, Any]]:
     counts: dict[str, int] = {}
     took_rings = False
     began = time.perf_counter()
+    turns = np.random.default_rng(0)
     for number in range(ROUNDS + 1):
-        for start, make in makers.items():
-            x, making = _seconds(make)
+        for start in turns.permutation(list(makers)):
+            x, making = _seconds(makers[start])
             took_rings = took_rings or (start == "auto" and x is not problem.rest)
             solution, solving = _seconds(lambda x=x: solver.solve(state, problem.v, x))
             counts[start] = solution.iterations
@@ -59,21 +61,30 @@ def timed_starts(problem: Problem, name: str) -> list[dict[str, Any]]:
                 solved[start].append(solving)
         if number and time.perf_counter() - began > PATIENCE:
             break
-    each = [t / counts[start] for start, times in solved.items() if counts[start] for t in times]
-    once = statistics.median(each) if each else 0.0
+    opening, once = line([(counts[start], t) for start, times in solved.items() for t in times])
     return [
         {
             "solver": name,
             "start": start,
             "iterations": counts[start],
             "start s": statistics.median(made[start]),
+            "opening s": opening,
             "iteration s": once,
-            "seconds": statistics.median(made[start]) + counts[start] * once,
+            "seconds": statistics.median(made[start]) + opening + counts[start] * once,
             "wall s": statistics.median(made[start]) + statistics.median(solved[start]),
             "took": ("rings" if took_rings else "rest") if start == "auto" else "",
         }
         for start in makers
     ]
+
+
+def line(points: Sequence[tuple[int, float]]) -> tuple[float, float]:
+    """(a, b) of y = a + b x: the median slope of all pairs of points, and the median of what is left (Theil, Sen)."""
+    x, y = (np.array(column, dtype=np.float64) for column in zip(*points, strict=True))
+    i, j = np.triu_indices(len(x), 1)
+    apart = x[i] != x[j]
+    slope = float(np.median((y[j] - y[i])[apart] / (x[j] - x[i])[apart])) if apart.any() else 0.0
+    return float(np.median(y - slope * x)), slope
 
 
 def _seconds(work: Callable[[], Any]) -> tuple[Any, float]:
