@@ -26,14 +26,19 @@ BY_JACOBI = (*FEW, "held: min depth + 16 sweeps", "held: min depth + 64 sweeps")
 
 def seconds(work: Callable[[], Any], repeats: int) -> float:
     """The median of `repeats` runs; of fewer where they take more than a second."""
+    return made_in(work, repeats)[1]
+
+
+def made_in(work: Callable[[], Any], repeats: int) -> tuple[Any, float]:
+    """What the last of them made, and the median."""
     walls: list[float] = []
     while len(walls) < repeats and sum(walls) < 1.0:
         wp.synchronize()
         began = time.perf_counter()
-        work()
+        value = work()
         wp.synchronize()
         walls.append(time.perf_counter() - began)
-    return statistics.median(walls)
+    return value, statistics.median(walls)
 
 
 def measure(problem: Problem, seeds: Sequence[Seed], solvers: Sequence[str], repeats: int) -> list[dict[str, Any]]:
@@ -56,7 +61,7 @@ def measure(problem: Problem, seeds: Sequence[Seed], solvers: Sequence[str], rep
     }
     rows = []
     for seed in seeds:
-        x = seed.make(problem)
+        x, took = made_in(partial(seed.make, problem), repeats)
         farthest, mean = problem.errors(x)
         row: dict[str, Any] = {
             **about,
@@ -64,7 +69,7 @@ def measure(problem: Problem, seeds: Sequence[Seed], solvers: Sequence[str], rep
             "energy": node_energy(problem.graph, x, problem.v)[0] / max(problem.least, 1e-300),
             "farthest": farthest,
             "rms": mean,
-            "seed s": seconds(partial(seed.make, problem), repeats),
+            "seed s": took,
             **once,
         }
         for each, state in zip(counted, states, strict=True):

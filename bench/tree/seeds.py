@@ -151,7 +151,11 @@ FEW = (
 )
 """Those for large meshes."""
 
+FEWEST = ("zero", "rest", "held: min depth", "front", "nested", "previous")
+"""Those for millions of vertices, where sorting edges for a tree takes longer than everything else."""
 
-def chosen(few: bool) -> list[Seed]:
-    """All seeds, or few."""
-    return [seed for seed in SEEDS if not few or seed.name in FEW]
+
+def chosen(how_many: str = "all") -> list[Seed]:
+    """All seeds, few, or fewest."""
+    names = {"all": [seed.name for seed in SEEDS], "few": FEW, "fewest": FEWEST}[how_many]
+    return [seed for seed in SEEDS if seed.name in names]

@@ -33,8 +33,8 @@ def used(problem: Problem, solvers: Sequence[str]) -> list[dict[str, Any]]:
 def timed_starts(problem: Problem, name: str) -> list[dict[str, Any]]:
     """Iterations, and seconds of start and solve.
 
-    Starts take turns in random order, so that shared cores and what ran before disturb them alike. A solve costs what it costs from any start: "seconds"
-    is the median of making the start, and `a + b * iterations` fitted to all solves of the case.
+    Starts take turns in random order, so that shared cores and what ran before disturb them alike. A solve costs what
+    it costs from any start: "seconds" is the median of making the start, and `a + b * iterations` fitted to all solves.
     """
     solver: Any = SOLVERS[name]
     state = solver.prepare(problem.graph, problem.shape.pinned)
