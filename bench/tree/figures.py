@@ -24,7 +24,7 @@ COLOURS = {
     "held: min depth": "tab:olive",
     "held: resistance": "tab:brown",
     "held: min depth + 64 sweeps": "tab:cyan",
-    "front": "tab:blue",
+    "rings": "tab:blue",
     "coarse graph": "tab:pink",
     "nested": "tab:purple",
     "previous": "tab:green",

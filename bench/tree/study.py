@@ -1,6 +1,7 @@
 """Runs the study, resumable, and draws its figures: `python -m bench.tree [--full] [--device cuda:0]`.
 
---sizes: only these meshes. --methods: only these parts of curve, others, used, transfer, figures.
+--sizes: only these meshes. --methods: only these parts of curve, others, used, transfer, figures. The last one draws
+what is in the journal; with --full it writes the tables of docs/tree-study.md, too.
 """
 
 from __future__ import annotations
@@ -146,7 +147,7 @@ OTHER_SEEDS = (
     "held: maximal",
     "held: resistance",
     "held: min depth + 16 sweeps",
-    "front",
+    "rings",
     "nested",
     "previous",
 )
@@ -171,7 +172,7 @@ def others(given: Options, journal: Journal) -> None:
     for name in meshes:
         for degrees in (10.0, 90.0) if given.full else (90.0,):
             if not journal.has("others", f"{name}, ARAP {degrees:g}"):
-                steps = [measured(problem) for problem in arap_steps(name, degrees, 10 if given.full else 3, device)]
+                steps = [measured(problem) for problem in arap_steps(name, degrees, 5 if given.full else 3, device)]
                 rows = [{**row, "degrees": degrees} for step in steps for row in step]
                 journal.once("others", f"{name}, ARAP {degrees:g}", lambda rows=rows: rows)
             for editing in (poisson_editing, laplacian_editing):
@@ -223,4 +224,4 @@ def main(given: Options) -> None:
     for name, part in PARTS.items():
         if not named or name in named:
             part(given, journal)
-    report.main(journal, figures=not named or "figures" in named)
+    report.main(journal, where, full=given.full, figures=not named or "figures" in named)

@@ -91,7 +91,7 @@ def energies(rows: Rows) -> str:
             line += [spread([r["energy"] for r in found]), spread([100.0 * r["farthest"] for r in found])]
         lines.append(line)
     columns = [f"{c}: {what}" for c in list(CLASSES)[1:] for what in ("energy", "error / %")]
-    return markdown(["seed", *columns], lines)
+    return markdown(["seed", *columns], lines) if rows else ""
 
 
 def cost(rows: Rows) -> str:
@@ -104,7 +104,7 @@ def cost(rows: Rows) -> str:
             found = [r["seed s"] / r[of] for r in rows if of in r and r["nodes"] > 3000 and r["seed"].startswith(name)]
             line.append(spread(found))
         lines.append(line)
-    return markdown(["seed", "multigrid iterations", "Jacobi CG iterations"], lines)
+    return markdown(["seed", "multigrid iterations", "Jacobi CG iterations"], lines) if rows else ""
 
 
 def claims(rows: Rows) -> str:
@@ -121,7 +121,7 @@ def claims(rows: Rows) -> str:
         for kind, found in ratios.items():
             more = f"{sum(r < 1.0 for r in found)} of {len(found)}"
             lines.append([f"energy error of {better} over {label}, {kind}", spread(found), more])
-    return markdown(["", "median [quartiles]", "below 1"], lines)
+    return markdown(["", "median [quartiles]", "below 1"], lines) if rows else ""
 
 
 def correlation(rows: Rows) -> str:
@@ -147,7 +147,8 @@ def correlation(rows: Rows) -> str:
                         found.append(float(spearmanr(*zip(*pairs, strict=True)).statistic))
                 line.append(spread(found))
             lines.append(line)
-    return markdown(["solver", "", "all seeds", "rotations and stretches: rest and trees alone"], lines)
+    columns = ["solver", "", "all seeds", "rotations and stretches: rest and trees alone"]
+    return markdown(columns, lines) if rows else ""
 
 
 def theory(rows: Rows) -> str:
@@ -167,16 +168,21 @@ def theory(rows: Rows) -> str:
     line = ["position error: sum of h^2 to the root"]
     for noise in (True, False):
         line.append(spread([r["rms"] / r["theory"]["position"] for r in rows if (r["kind"] == "noise") == noise]))
-    stretches = [
+    return markdown(["measured over predicted", "noise", "rotations and stretches"], [*lines, line]) if rows else ""
+
+
+def stretch(rows: Rows) -> str:
+    """Mean stretch and depth of the trees that hang from what is held."""
+    rows = [r for r in rows if "theory" in r]
+    lines = [
         [seed, *(spread([r["theory"][c] for r in rows if r["seed"].startswith(seed)], 3) for c in ("stretch", "depth"))]
         for seed in dict.fromkeys("held: random" if "random" in r["seed"] else r["seed"] for r in rows)
     ]
-    measured = markdown(["measured over predicted", "noise", "rotations and stretches"], [*lines, line])
-    return measured + "\n\n" + markdown(["tree", "mean stretch", "depth"], stretches)
+    return markdown(["tree", "mean stretch", "depth"], lines) if rows else ""
 
 
-def one_case(rows: Rows, mesh: str, kind: str, amount: float) -> str:
-    """All seeds of one case, iterations to the three tolerances of the residual."""
+def one_case(rows: Rows, mesh: str, kind: str, amount: float, seeds: Sequence[str]) -> str:
+    """Seeds of one case, iterations to the three tolerances of the residual."""
     chosen = [r for r in rows if (r["mesh"], r["kind"], r["amount"], r["weights"]) == (mesh, kind, amount, "cotangent")]
     if not chosen:
         return ""
@@ -189,6 +195,7 @@ def one_case(rows: Rows, mesh: str, kind: str, amount: float) -> str:
             *(", ".join(str(k) if k is not None else "-" for k in r.get(f"{n} residual", [])) for n in names),
         ]
         for r in chosen
+        if r["seed"] in seeds
     ]
     return markdown(["seed", "energy", "error / %", *names], lines)
 
@@ -212,47 +219,66 @@ def others(rows: Rows) -> str:
                 counts = [r[column][MIDDLE] for r in found if r["seed"] == name and r[column][MIDDLE] is not None]
                 line.append(f"{statistics.median(counts):g}" if counts else "-")
             lines.append(line)
-    return markdown(["algorithm", "mesh", "degrees, side", "solver", *names], lines)
+    return markdown(["algorithm", "mesh", "degrees, side", "solver", *names], lines) if rows else ""
+
+
+Starts = dict[str, Row]
+
+
+def _by_solver(rows: Rows) -> dict[str, dict[tuple[Any, ...], Starts]]:
+    """Rows by start, of each case, of each solver."""
+    found: dict[str, dict[tuple[Any, ...], Starts]] = defaultdict(lambda: defaultdict(dict))
+    for row in rows:
+        found[row["solver"]][row["mesh"], row["kind"], row["amount"], row["weights"]][row["start"]] = row
+    return found
+
+
+def _more(starts: Starts) -> int:
+    """Iterations from `auto` more than from the best start."""
+    return int(starts["auto"]["iterations"]) - min(int(r["iterations"]) for r in starts.values())
+
+
+def _slower(starts: Starts, start: str = "auto") -> float:
+    """Time of start and solve over that of the best."""
+    return float(starts[start]["seconds"]) / min(float(r["seconds"]) for r in starts.values())
+
+
+WITHIN = 1.15
+
+
+def _part(ratios: Sequence[float]) -> str:
+    return f"{sum(r <= WITHIN for r in ratios)}, {100 * np.mean([r <= WITHIN for r in ratios]):.0f} %"
 
 
 def default_start(rows: Rows) -> str:
-    """The default rule against the best start of each case; the worst cases by name."""
-    cases: dict[tuple[Any, ...], dict[str, Row]] = defaultdict(dict)
-    for row in rows:
-        cases[row["mesh"], row["kind"], row["amount"], row["weights"], row["solver"]][row["start"]] = row
-    lines, named = [], []
-    for solver in ("multigrid", "Jacobi CG", "Jacobi"):
-        chosen = {key: starts for key, starts in cases.items() if key[-1] == solver}
-        if not chosen:
-            continue
-        more = [s["auto"]["iterations"] - min(r["iterations"] for r in s.values()) for s in chosen.values()]
-        time = [s["auto"]["seconds"] / min(r["seconds"] for r in s.values()) for s in chosen.values()]
-        rest = [s["rest"]["seconds"] / min(r["seconds"] for r in s.values()) for s in chosen.values()]
-        lines.append([solver, len(chosen), spread([float(m) for m in more]), max(more),
-                      f"{sum(m <= 2 for m in more)}", f"{100 * np.mean([t <= 1.15 for t in time]):.0f} %",
-                      f"{100 * np.mean([t <= 1.15 for t in rest]):.0f} %"])  # fmt: skip
-        for key, m, t in zip(chosen, more, time, strict=True):
-            if (solver == "multigrid" and m > 2) or (solver != "multigrid" and t > 1.15):
-                best = min(chosen[key].values(), key=lambda r: r["seconds"])
-                named.append([*key, m, f"{t:.2f}", best["start"]])
-    columns = [
-        "solver",
-        "cases",
-        "iterations more than the best",
-        "most",
-        "at most 2 more",
-        "time within 1.15 of the best",
-        "rest: within 1.15",
-    ]
-    table = markdown(columns, lines)
-    worst = markdown(
-        ["mesh", "kind", "amount", "weights", "solver", "iterations more", "time over the best", "best"], named
-    )
-    return f"{table}\n\n{worst}"
+    """The default rule against the best start of each case."""
+    lines = []
+    for solver, cases in _by_solver(rows).items():
+        more = [_more(starts) for starts in cases.values()]
+        time, rest = ([_slower(starts, s) for starts in cases.values()] for s in ("auto", "rest"))
+        lines.append([solver, len(cases), spread([float(m) for m in more]), max(more), sum(m <= 2 for m in more),
+                      f"{spread(time, 3)}, {max(time):.2f} at most", _part(time), _part(rest)])  # fmt: skip
+    columns = ["solver", "cases", "iterations more than the best", "most", "at most 2 more", "time over the best",
+               f"within {WITHIN}", f"rest alone: within {WITHIN}"]  # fmt: skip
+    return markdown(columns, lines) if lines else ""
+
+
+def worst_starts(rows: Rows) -> str:
+    """The cases where it is further from the best: multigrid 2 iterations, CG and Jacobi 1.15 times the time."""
+    lines = []
+    for solver, cases in _by_solver(rows).items():
+        for (mesh, kind, amount, weights), starts in cases.items():
+            off = _more(starts) > 2 if solver == "multigrid" else _slower(starts) > WITHIN
+            if off:
+                best = min(starts.values(), key=lambda row: row["iterations" if solver == "multigrid" else "seconds"])
+                lines.append([solver, mesh.removeprefix("paper/"), f"{kind} {amount:g}", weights.replace("_", " "),
+                              _more(starts), f"{_slower(starts):.2f}", best["start"]])  # fmt: skip
+    columns = ["solver", "mesh", "form", "weights", "iterations more", "time over the best", "best"]
+    return markdown(columns, lines) if rows else ""
 
 
 def transfer(rows: Rows) -> str:
     """Milliseconds of each step."""
     names = [c for c in rows[0] if c.endswith(" s")] if rows else []
     lines = [[n.removesuffix(" s"), *(f"{1e3 * r[n]:.3g}" for r in rows)] for n in names]
-    return markdown(["milliseconds", *(f"{r['mesh']}, {r['nodes']:,}" for r in rows)], lines)
+    return "" if not rows else markdown(["milliseconds", *(f"{r['mesh']}, {r['nodes']:,}" for r in rows)], lines)

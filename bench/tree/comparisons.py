@@ -1,0 +1,90 @@
+"""What the findings say, counted: meshes and tolerances apart, and the best of several starts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+
+from bench.tree.seeds import BEST
+from bench.tree.tables import CLASSES, MIDDLE, Row, Rows, by_case, markdown, spread
+from bench.tree.trace import TOLERANCES
+
+PAPER = ("min depth", "maximal", "minimal")
+"""The trees of the paper, from the middle of the mesh."""
+
+HANGING = ("held: min depth", "held: maximal", "held: resistance", "held: shortest", "held: AKPW")
+
+SMOOTH = CLASSES["rotations and stretches"]
+
+
+def what_ran(rows: Rows) -> str:
+    """Meshes with their cases, starts and counted solves, and the sum of all."""
+    lines = []
+    for mesh in [*dict.fromkeys(row["mesh"] for row in rows), ""]:
+        found = [row for row in rows if not mesh or row["mesh"] == mesh]
+        solves = sum(key.endswith(" residual") for row in found for key in row)
+        solvers = dict.fromkeys(key.removesuffix(" residual") for row in found for key in row if "residual" in key)
+        nodes = f"{found[0]['nodes']:,}" if mesh else ""
+        name = mesh.removeprefix("paper/") or "together"
+        weights = ", ".join(dict.fromkeys(row["weights"].replace("_", " ") for row in found)) if mesh else ""
+        lines.append([name, nodes, weights, ", ".join(solvers) if mesh else "", len(by_case(found)), f"{len(found):,}",
+                      f"{solves:,}"])  # fmt: skip
+    return markdown(["mesh", "nodes", "weights", "solvers", "cases", "starts", "solves"], lines) if rows else ""
+
+
+def over_rest(cases: Iterable[dict[str, Row]], seeds: Iterable[str], column: str, tol: int) -> list[float]:
+    """Of each case the fewest iterations from one of the seeds, over (multigrid: less) those from rest."""
+    found = []
+    for case in cases:
+        counts = [case[s][column][tol] for s in seeds if s in case and column in case[s]]
+        known = [count for count in counts if count is not None]
+        rest = case["rest"].get(column, [None] * len(TOLERANCES))[tol]
+        if known and rest:
+            found.append(min(known) - rest if column.startswith("multigrid") else min(known) / rest)
+    return found
+
+
+def _and_extremes(values: list[float]) -> str:
+    return f"{spread(values)}, {min(values):.2g} to {max(values):.2g}" if values else ""
+
+
+def by_mesh(rows: Rows) -> str:
+    """CG on smooth forms, mesh by mesh: iterations over those from rest, of the best that was known only afterwards."""
+    lines = []
+    for mesh in dict.fromkeys(row["mesh"] for row in rows):
+        cases = [case for case in by_case([r for r in rows if r["mesh"] == mesh]).values() if SMOOTH(case["rest"])]
+        column = "Jacobi CG residual"
+        line = [over_rest(cases, seeds, column, MIDDLE) for seeds in (PAPER, HANGING, ("rings",), ("nested",))]
+        if line[0]:
+            lines.append([mesh.removeprefix("paper/"), len(line[0]), *map(_and_extremes, line)])
+    columns = ["mesh", "cases", "best of the paper's trees", "best of the hanging trees", "rings", "nested"]
+    return markdown(columns, lines) if lines else ""
+
+
+def by_tolerance(rows: Rows) -> str:
+    """The best of the paper's trees and of the hanging ones on smooth forms, to each residual."""
+    cases = [case for case in by_case(rows).values() if SMOOTH(case["rest"])]
+    lines = []
+    for solver in ("multigrid", "Jacobi CG", "plain CG"):
+        for name, seeds in (("paper's", PAPER), ("hanging", HANGING), ("rings", ("rings",)), ("nested", ("nested",))):
+            column = f"{solver} residual"
+            line = [_and_extremes(over_rest(cases, seeds, column, tol)) for tol in range(len(TOLERANCES))]
+            if line[0]:
+                lines.append([solver, name, *line])
+    return markdown(["solver", "best of", *(f"{tol:.0e}" for tol in TOLERANCES)], lines) if lines else ""
+
+
+def best_by_energy(rows: Rows) -> str:
+    """What it brings to make several starts and to take the one of least energy; and the one of fewest iterations."""
+    kinds: dict[str, Callable[[Row], bool]] = {"noise": lambda row: not SMOOTH(row), "smooth": SMOOTH}
+    lines = []
+    for kind, test in kinds.items():
+        cases = [case for case in by_case(rows).values() if test(case["rest"]) and case["rest"]["exactness"] > 1e-9]
+        for name, seeds in (
+            ("rings alone", ("rings",)),
+            ("least energy of 3 trees", ("best of 3 trees",)),
+            ("least energy of rest, rings, 3 trees", (BEST,)),
+            ("fewest iterations of them", ("rest", "rings", "held: min depth", "held: maximal", "held: resistance")),
+        ):
+            line = [_and_extremes(over_rest(cases, seeds, f"{s} residual", MIDDLE)) for s in ("multigrid", "Jacobi CG")]
+            lines.append([kind, name, *line])
+    return markdown(["forms", "start", "multigrid, less than rest", "Jacobi CG, over rest"], lines) if rows else ""
