@@ -18,6 +18,8 @@ from oneform_warp.starts import STARTS, Problem, worthwhile
 
 TWIST = np.radians(90.0)
 
+GAIN = worthwhile(ow.Multigrid(), wp.get_device("cpu"))
+
 ROUNDING = 1e-12
 """Of positions near 1 after a path of some hundred edges."""
 
@@ -51,7 +53,7 @@ def auto(
     pinned: np.ndarray | None,
     v: np.ndarray,
     placed: object = None,
-    gain: float = worthwhile(ow.Multigrid(), wp.get_device("cpu")),
+    gain: float = GAIN,
 ) -> object:
     return STARTS["auto"](Problem(graph, rest, rows(v), None, pinned=pinned, placed=placed, gain=gain))
 
@@ -96,15 +98,15 @@ def test_an_exact_form_starts_at_its_solution() -> None:
     assert (start.numpy()[held] == rest[held]).all()
 
 
-@pytest.mark.parametrize(("noise", "taken"), [(1e-4, True), (1e-3, True), (1e-1, False)])
-def test_noise_decides_and_the_estimate_has_a_thousandth_of_the_energy(noise: float, taken: bool) -> None:
+@pytest.mark.parametrize(("noise", "taken"), [(1e-4, True), (1e-2, True), (1e-1, False)])
+def test_noise_decides_and_the_estimate_has_a_hundredth_of_the_energy_at_most(noise: float, taken: bool) -> None:
     graph, rest, held, v = bar(noise=noise)
     begin = rows(rest)
     start = auto(graph, begin, held, v)
     assert (start is not begin) == taken
     if taken:
         own, resting = node_energies(graph, start, begin, rows(v))
-        assert own[0] < 1e-3 * resting[0]
+        assert own[0] < GAIN * resting[0]
 
 
 def test_nobody_knows_what_is_pinned_nothing_is_estimated() -> None:

@@ -14,6 +14,7 @@ import matplotlib.pyplot as plt
 from bench.plots import PLOTS, keep_small
 from bench.table import RESULTS
 from bench.tree.journal import Journal
+from bench.tree.rule import WORTHWHILE
 from bench.tree.tables import MIDDLE, Rows
 
 COLOURS = {
@@ -140,7 +141,7 @@ def rule(rows: Rows) -> Any:
     ends = [1e-7, 1e2]
     panels[0].plot(ends, ends, color="black", linewidth=0.6)
     for line in (panels[0].axvline, panels[0].axhline):
-        line(1e-3, color="tab:red", linewidth=0.8)
+        line(WORTHWHILE, color="tab:red", linewidth=0.8)
     panels[0].set(xscale="log", yscale="log", xlabel="predicted: 10 q, or 4 n q", ylabel="integral over rings")
     panels[0].set_title("energy, over that of rest", fontsize=10)
     panels[0].legend(fontsize=6)

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
+import warp as wp
+
+import oneform_warp as ow
 from bench.tree.cases import Problem
 from oneform_warp.cycles import short_cycle_misses
 from oneform_warp.forms import node_energy
@@ -11,6 +14,9 @@ from oneform_warp.rings import integrate_rings
 from oneform_warp.starts import AREA, COHERENT, STARTS, WALK, worthwhile
 from oneform_warp.starts import Problem as Start
 from oneform_warp.tree import spanning_tree
+
+WORTHWHILE = worthwhile(ow.Multigrid(), wp.get_device("cpu"))
+"""Of the rest pose's energy: what the integral must have for multigrid."""
 
 
 def package_start(name: str, problem: Problem, solver: Any) -> Any:

@@ -67,7 +67,7 @@ FULL = (
     Plan("delaunay:100k", "few", ITERATIVE[:1], seeds="few"),
     Plan("bar:100k", "few", ITERATIVE[:2], seeds="few"),
     Plan("sphere:7", "few", ITERATIVE[:2], seeds="few"),
-    Plan("delaunay:1M", "few", ITERATIVE[:1], seeds="few"),
+    Plan("delaunay:1M", "few", ITERATIVE[:1], seeds="fewest"),
 )
 """An hour on one core: above 50,000 vertices few deformations and seeds, and CG, with its thousand iterations from
 each, on bars and spheres only."""

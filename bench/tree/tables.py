@@ -52,8 +52,12 @@ def pooled(rows: Rows) -> list[str]:
     return list(dict.fromkeys("held: random" if r["seed"].startswith("held: random") else r["seed"] for r in rows))
 
 
+def _of_name(rows: Iterable[Row], name: str) -> Rows:
+    return [r for r in rows if r["seed"] == name or (name == "held: random" and r["seed"].startswith(name))]
+
+
 def _of(seeds: dict[str, Row], name: str) -> Rows:
-    return [row for seed, row in seeds.items() if seed == name or (name == "held: random" and seed.startswith(name))]
+    return _of_name(seeds.values(), name)
 
 
 def iterations(rows: Rows, solver: str, goal: str = "residual", tol: int = MIDDLE) -> str:
@@ -94,6 +98,10 @@ def energies(rows: Rows) -> str:
     return markdown(["seed", *columns], lines) if rows else ""
 
 
+SMALL = 3000
+"""Nodes up to which times are those of launches."""
+
+
 def cost(rows: Rows) -> str:
     """What a seed takes, in iterations of multigrid and of Jacobi CG on the same graph."""
     lines = []
@@ -101,7 +109,8 @@ def cost(rows: Rows) -> str:
         line = [name]
         for solver in ("multigrid", "Jacobi CG"):
             of = f"{solver} iteration s"
-            found = [r["seed s"] / r[of] for r in rows if of in r and r["nodes"] > 3000 and r["seed"].startswith(name)]
+            chosen = _of_name(rows, name)
+            found = [r["seed s"] / r[of] for r in chosen if of in r and r["nodes"] > SMALL]
             line.append(spread(found))
         lines.append(line)
     return markdown(["seed", "multigrid iterations", "Jacobi CG iterations"], lines) if rows else ""
