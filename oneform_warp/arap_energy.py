@@ -12,6 +12,7 @@ from typing import Any
 
 import warp as wp
 
+from oneform_warp.arms import Arms
 from oneform_warp.cells import Cells
 from oneform_warp.forms import form_size
 from oneform_warp.procrustes import nearest_rotation
@@ -23,124 +24,69 @@ __all__ = ["CellEnergy", "Fit"]
 
 
 @wp.kernel(enable_backward=False)
-def _covariances(
+def _fitted(
+    chunk_offsets: wp.array[wp.int32],
     # Graph:
     offsets: wp.array[wp.int32],
-    corners: wp.array[wp.int32],
+    other: wp.array[wp.int32],
     weight: wp.array[wp.float64],
+    arm: wp.array[wp.vec3d],
+    rest: wp.array[wp.float64],
     # In:
-    s: wp.array[wp.vec3d],
     x: wp.array[wp.vec3d],
-    # Out:
-    covariance_out: wp.array[wp.mat33d],
-):
-    c = wp.tid()
-    begin = offsets[c]
-    end = offsets[c + 1]
-    total = wp.mat33d()
-    first = x[corners[begin]]
-    here = first
-    for k in range(begin, end):
-        there = first
-        if k + 1 < end:
-            there = x[corners[k + 1]]
-        total += weight[k] * wp.outer(there - here, s[k])
-        here = there
-    covariance_out[c] = (wp.float64(1.0) / wp.float64(end - begin)) * total
-
-
-@wp.kernel(enable_backward=False)
-def _rotations(
-    # Graph:
-    around_offsets: wp.array[wp.int32],
-    around: wp.array[wp.int32],
-    cell: wp.array[wp.int32],
-    # In:
-    covariance: wp.array[wp.mat33d],
     old: wp.array[wp.mat33d],
     bias: wp.array[wp.mat33d],
     given: wp.array[wp.int32],
     planar: int,
     # Out:
     rotation_out: wp.array[wp.mat33d],
+    energy_out: wp.array[wp.vec3d],
 ):
-    i = wp.tid()
-    if given[i] != 0:
-        rotation_out[i] = old[i]
-        return
-    total = wp.mat33d()
-    for k in range(around_offsets[i], around_offsets[i + 1]):
-        total += covariance[cell[around[k]]]
+    chunk, lane = wp.tid()
+    energy = wp.float64(0.0)
+    for i in range(chunk_offsets[chunk] + lane, chunk_offsets[chunk + 1], wp.block_dim()):
+        b = wp.mat33d()
+        squares = wp.float64(0.0)
+        here = x[i]
+        for h in range(offsets[i], offsets[i + 1]):
+            d = x[other[h]] - here
+            b += wp.outer(d, arm[h])
+            squares += weight[h] * wp.length_sq(d)
+        rotation = old[i]
+        if given[i] == 0:
+            rotation = best_rotation(b, old[i], bias, planar, i)
+        rotation_out[i] = rotation
+        energy += wp.float64(0.5) * squares + rest[i] - wp.float64(2.0) * wp.ddot(rotation, b)
+    wp.tile_store(energy_out, wp.tile_sum(wp.tile(wp.vec3d(energy), preserve_type=True)), offset=chunk)
+
+
+@wp.func
+def best_rotation(b: wp.mat33d, old: wp.mat33d, bias: wp.array[wp.mat33d], planar: int, i: int) -> wp.mat33d:
+    """The rotation nearest to B_i and what else pulls at it; in a plane, one about its normal."""
+    total = b
     if bias.shape[0] > 0:
         total += bias[i]
     if planar != 0:
         # Half a turn about an axis in the plane would be a reflection of it.
         total[2, 2] += wp.float64(2.0) * wp.sqrt(wp.ddot(total, total))
-    rotation_out[i] = nearest_rotation(total, old[i])
-
-
-@wp.func
-def mean_rotation(corners: wp.array[wp.int32], rotation: wp.array[wp.mat33d], begin: int, end: int) -> wp.mat33d:
-    """The mean matrix of a cell's corners: unlike a mean of vectors it has no seam at 180 degrees."""
-    total = wp.mat33d()
-    for k in range(begin, end):
-        total += rotation[corners[k]]
-    return (wp.float64(1.0) / wp.float64(end - begin)) * total
-
-
-@wp.kernel(enable_backward=False)
-def _pulls(
-    chunk_offsets: wp.array[wp.int32],
-    # Graph:
-    offsets: wp.array[wp.int32],
-    corners: wp.array[wp.int32],
-    weight: wp.array[wp.float64],
-    # In:
-    s: wp.array[wp.vec3d],
-    x: wp.array[wp.vec3d],
-    rotation: wp.array[wp.mat33d],
-    # Out:
-    pull_out: wp.array[wp.vec3d],
-    energy_out: wp.array[wp.vec3d],
-):
-    chunk, lane = wp.tid()
-    energy = wp.float64(0.0)
-    for c in range(chunk_offsets[chunk] + lane, chunk_offsets[chunk + 1], wp.block_dim()):
-        begin = offsets[c]
-        end = offsets[c + 1]
-        mean = mean_rotation(corners, rotation, begin, end)
-        first = x[corners[begin]]
-        here = first
-        before = wp.vec3d()
-        for k in range(begin, end):
-            there = first
-            if k + 1 < end:
-                there = x[corners[k + 1]]
-            wanted = mean * s[k]
-            misfit = there - here - wanted
-            pull = weight[k] * misfit
-            # At its corner an edge pulls forward, at the next one back.
-            pull_out[k] = pull - before
-            before = pull
-            # The mean over the corners of |d - R_i s|^2, R_i s about their mean.
-            energy += weight[k] * (wp.length_sq(misfit) + wp.length_sq(s[k]) - wp.length_sq(wanted))
-            here = there
-        pull_out[begin] -= before
-    wp.tile_store(energy_out, wp.tile_sum(wp.tile(wp.vec3d(energy), preserve_type=True)), offset=chunk)
+    return nearest_rotation(total, old)
 
 
 @wp.kernel(enable_backward=False)
 def _residual(
     chunk_offsets: wp.array[wp.int32],
     # Graph:
-    around_offsets: wp.array[wp.int32],
-    around: wp.array[wp.int32],
+    offsets: wp.array[wp.int32],
+    other: wp.array[wp.int32],
+    weight: wp.array[wp.float64],
+    arm: wp.array[wp.vec3d],
+    own: wp.array[wp.vec3d],
     # In:
     pinned: wp.array[wp.int32],
     attachment: wp.array[wp.float64],
     target: wp.array[wp.vec3d],
     x: wp.array[wp.vec3d],
-    pull: wp.array[wp.vec3d],
+    rotation: wp.array[wp.mat33d],
     # Out:
     r_out: wp.array[wp.vec3d],
     square_out: wp.array[wp.vec3d],
@@ -152,10 +98,13 @@ def _residual(
     for i in range(chunk_offsets[chunk] + lane, chunk_offsets[chunk + 1], wp.block_dim()):
         r = wp.vec3d()
         if pinned[i] == 0:
-            for k in range(around_offsets[i], around_offsets[i + 1]):
-                r += pull[around[k]]
+            here = x[i]
+            r = rotation[i] * own[i]
+            for h in range(offsets[i], offsets[i + 1]):
+                j = other[h]
+                r += weight[h] * (x[j] - here) + rotation[j] * arm[h]
             if attachment.shape[0] > 0:
-                gap = target[i] - x[i]
+                gap = target[i] - here
                 r += attachment[i] * gap
                 attached += attachment[i] * wp.length_sq(gap)
         r_out[i] = r
@@ -164,18 +113,13 @@ def _residual(
     wp.tile_store(attached_out, wp.tile_sum(wp.tile(wp.vec3d(attached), preserve_type=True)), offset=chunk)
 
 
-@wp.kernel(enable_backward=False)
-def _on_corners(
-    # Graph:
-    edge: wp.array[wp.int32],
-    # In:
-    form: wp.array[wp.vec3d],
-    # Out:
-    s_out: wp.array[wp.vec3d],
-):
-    k = wp.tid()
-    e = edge[k]
-    s_out[k] = wp.where(e < 0, -form[wp.max(e, ~e)], form[wp.max(e, ~e)])
+@wp.func
+def mean_rotation(corners: wp.array[wp.int32], rotation: wp.array[wp.mat33d], begin: int, end: int) -> wp.mat33d:
+    """The mean matrix of a cell's corners: unlike a mean of vectors it has no seam at 180 degrees."""
+    total = wp.mat33d()
+    for k in range(begin, end):
+        total += rotation[corners[k]]
+    return (wp.float64(1.0) / wp.float64(end - begin)) * total
 
 
 @wp.kernel(enable_backward=False)
@@ -256,13 +200,9 @@ class CellEnergy:
         """
         self.given, self.planar = given, planar
         self.cells, self.state, self.target, self.smoothness = cells, state, target, smoothness
-        corners, device = cells.corners.shape[0], cells.graph.device
-        self.s = wp.empty(corners, dtype=wp.vec3d, device=device)
-        wp.launch(_on_corners, dim=corners, inputs=[cells.edge, form], outputs=[self.s], device=device)
+        self.arms = Arms.of(cells, form)
         self.size = form_size(cells.graph, form)
         """sum mu |s|^2, what the energy is compared with."""
-        self._covariance = wp.empty(cells.count, dtype=wp.mat33d, device=device)
-        self._pull = wp.empty(corners, dtype=wp.vec3d, device=device)
         self._energies = cells.segments.partials()
         self._attached = cells.graph.segments.partials()
         self.square = cells.graph.segments.partials()
@@ -272,32 +212,25 @@ class CellEnergy:
 
     def fit(self, x: wp.array[wp.vec3d], old: wp.array[wp.mat33d]) -> Fit:
         """The best rotations at x and what follows from them; `old` decides where they are open."""
-        cells, graph = self.cells, self.cells.graph
-        rotation = wp.empty_like(old)
-        inputs = [cells.offsets, cells.corners, cells.weight, self.s, x]
-        wp.launch(_covariances, dim=cells.count, inputs=inputs, outputs=[self._covariance], device=x.device)
+        arms, met, graph = self.arms, self.arms.meetings, self.cells.graph
+        rotation, r = wp.empty_like(old), wp.empty_like(x)
         bias = no_matrices(x.device) if self.smoothness is None else self.smoothness.bias(old)
-        inputs = [
-            cells.around_offsets,
-            cells.around,
-            cells.cell,
-            self._covariance,
-            old,
-            bias,
-            self.given,
-            int(self.planar),
-        ]
-        wp.launch(_rotations, dim=graph.node_count, inputs=inputs, outputs=[rotation], device=x.device)
-        inputs = [cells.offsets, cells.corners, cells.weight, self.s, x, rotation]
-        launch_chunks(_pulls, cells.segments, inputs, [self._pull, self._energies])
-        r = wp.empty_like(x)
+        launch_chunks(
+            _fitted,
+            self.cells.segments,
+            [
+                *(met.offsets, met.other, arms.weight, arms.to, arms.rest),
+                *(x, old, bias, self.given, int(self.planar)),
+            ],
+            [rotation, self._energies],
+        )
         system = self.state.system
         launch_chunks(
             _residual,
             graph.segments,
             [
-                *(cells.around_offsets, cells.around),
-                *(system.pinned, system.attachment, self.target, x, self._pull),
+                *(met.offsets, met.other, arms.weight, arms.back, arms.own),
+                *(system.pinned, system.attachment, self.target, x, rotation),
             ],
             [r, self.square, self._attached],
         )
@@ -319,8 +252,8 @@ class CellEnergy:
         """
         cells, graph = self.cells, self.cells.graph
         v = wp.empty(graph.edge_count, dtype=wp.vec3d, device=graph.device)
-        rings = [cells.along_offsets, cells.along, cells.cell, cells.offsets, cells.corners, cells.edge, cells.weight]
-        inputs = [*rings, graph.tail, graph.head, graph.mu, self.s, fit.x, fit.rotation]
+        rings = [*cells.along, cells.cell, cells.offsets, cells.corners, cells.edge, cells.weight]
+        inputs = [*rings, graph.tail, graph.head, graph.mu, self.arms.s, fit.x, fit.rotation]
         wp.launch(_form, dim=v.shape[0], inputs=inputs, outputs=[v], device=v.device)
         return v
 

@@ -12,13 +12,29 @@ from numpy.typing import NDArray
 from oneform_warp.assembly import listed_edges
 from oneform_warp.graph import Graph
 from oneform_warp.segments import Segments
-from oneform_warp.sorting import row_offsets, sort_by_key
+from oneform_warp.sorting import group_starts, row_offsets, scan, sort_by_key
 from oneform_warp.weights import COTANGENT_RANGE
 
-__all__ = ["Cells", "edge_cells", "face_cells"]
+__all__ = ["Cells", "Meetings", "edge_cells", "face_cells"]
 
 AGREES = 1.0e-6
 """Relative: by how much mu may differ from cotangents that it was made of."""
+
+
+@dataclass(frozen=True, eq=False)
+class Meetings:
+    """Ordered pairs of nodes that meet in a cell, by first node, and the corners with which they do."""
+
+    offsets: wp.array[wp.int32]
+    """Node i meets the nodes other[offsets[i]] to other[offsets[i + 1]], (n + 1,)."""
+    other: wp.array[wp.int32]
+    """(p,), ascending for each node; a node meets itself where a cell has it twice."""
+    begin: wp.array[wp.int32]
+    """Pair h meets by the corners own[begin[h]] and beside[begin[h]] to those of begin[h + 1], (p + 1,)."""
+    own: wp.array[wp.int32]
+    """A corner at the first node."""
+    beside: wp.array[wp.int32]
+    """A corner of the same cell at the second."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,14 +54,8 @@ class Cells:
     """The edge from each corner to the next, ~e where it runs against it, (C,); of a loop any, with weight 0."""
     weight: wp.array[wp.float64]
     """(C,)"""
-    around_offsets: wp.array[wp.int32]
-    """Node i has the corners around[around_offsets[i]] to around[around_offsets[i + 1]], (n + 1,)."""
-    around: wp.array[wp.int32]
     cell: wp.array[wp.int32]
     """The cell of each corner, (C,)."""
-    along_offsets: wp.array[wp.int32]
-    """Edge e has the corners along[along_offsets[e]] to along[along_offsets[e + 1]], (m + 1,)."""
-    along: wp.array[wp.int32]
 
     @property
     def count(self) -> int:
@@ -53,9 +63,40 @@ class Cells:
         return int(self.offsets.shape[0]) - 1
 
     @cached_property
+    def along(self) -> tuple[wp.array[wp.int32], wp.array[wp.int32]]:
+        """Where the corners of each edge begin, (m + 1,), in a list where those of one edge stand together."""
+        device = self.graph.device
+        keys = wp.empty_like(self.edge)
+        wp.launch(_undirected, dim=keys.shape[0], inputs=[self.edge], outputs=[keys], device=device)
+        ordered, corners = sort_by_key(keys)
+        return row_offsets(ordered, self.graph.edge_count), corners
+
+    @cached_property
+    def meetings(self) -> Meetings:
+        """Who meets whom, and where."""
+        device, count = self.graph.device, self.graph.node_count
+        sizes = np.diff(self.offsets.numpy()).astype(np.int64)
+        ends = np.cumsum(sizes * (sizes - 1))
+        begins: wp.array[wp.int32] = wp.array(ends - sizes * (sizes - 1), dtype=wp.int32, device=device)
+        total = int(ends[-1]) if len(ends) else 0
+        key = wp.empty(total, dtype=wp.int64, device=device)
+        pairs = [wp.empty(total, dtype=wp.int32, device=device) for _ in range(2)]
+        inputs = [self.offsets, self.corners, begins, max(count, 1)]
+        wp.launch(_pairs, dim=self.count, inputs=inputs, outputs=[key, *pairs], device=device)
+        key, place = sort_by_key(key)
+        starts = group_starts(key)
+        number, found = scan(starts)
+        node, other, begin = (wp.empty(k, dtype=wp.int32, device=device) for k in (found, found, found + 1))
+        own, beside = (wp.empty(total, dtype=wp.int32, device=device) for _ in range(2))
+        inputs = [key, place, starts, number, max(count, 1), *pairs]
+        wp.launch(_met, dim=total, inputs=inputs, outputs=[node, other, begin, own, beside], device=device)
+        begin[found:].fill_(total)
+        return Meetings(row_offsets(node, count), other, begin, own, beside)
+
+    @cached_property
     def segments(self) -> Segments:
-        """All cells as one segment, for sums over them."""
-        return Segments.from_offsets(np.array([0, self.count]), self.graph.device)
+        """All nodes as one segment, for sums over them."""
+        return Segments.from_offsets(np.array([0, self.graph.node_count]), self.graph.device)
 
     @classmethod
     def of(
@@ -71,33 +112,76 @@ class Cells:
         def upload(values: NDArray[np.int64]) -> wp.array[wp.int32]:
             return wp.array(values.astype(np.int32), dtype=wp.int32, device=graph.device)
 
-        begins = np.cumsum(sizes) - sizes
-        # In the order of their first nodes neighbours are close in memory.
-        first = np.minimum.reduceat(corners, begins) if len(sizes) else begins
-        order = sort_by_key(upload(first))[1].numpy().astype(np.int64)
-        sizes = sizes[order]
-        at = np.repeat(begins[order] - (np.cumsum(sizes) - sizes), sizes) + np.arange(len(corners))
-        ring = upload(corners[at])
-        around_offsets, around = _grouped(ring, graph.node_count)
-        along_offsets, along = _grouped(upload(np.maximum(edge, ~edge)[at]), graph.edge_count)
         return cls(
             graph,
             upload(np.concatenate([[0], np.cumsum(sizes)])),
-            ring,
-            upload(edge[at]),
-            wp.array(weight[at], dtype=wp.float64, device=graph.device),
-            around_offsets,
-            around,
+            upload(corners),
+            upload(edge),
+            wp.array(weight, dtype=wp.float64, device=graph.device),
             upload(np.repeat(np.arange(len(sizes)), sizes)),
-            along_offsets,
-            along,
         )
 
 
-def _grouped(keys: wp.array[wp.int32], count: int) -> tuple[wp.array[wp.int32], wp.array[wp.int32]]:
-    """Where the places of each key begin, (count + 1,), and the places, those of one key together."""
-    ordered, places = sort_by_key(keys)
-    return row_offsets(ordered, count), places
+@wp.kernel(enable_backward=False)
+def _undirected(
+    # In:
+    edge: wp.array[wp.int32],
+    # Out:
+    edge_out: wp.array[wp.int32],
+):
+    k = wp.tid()
+    edge_out[k] = wp.max(edge[k], ~edge[k])
+
+
+@wp.kernel(enable_backward=False)
+def _pairs(
+    # Graph:
+    offsets: wp.array[wp.int32],
+    corners: wp.array[wp.int32],
+    # In:
+    begins: wp.array[wp.int32],
+    count: wp.int64,
+    # Out:
+    key_out: wp.array[wp.int64],
+    own_out: wp.array[wp.int32],
+    beside_out: wp.array[wp.int32],
+):
+    c = wp.tid()
+    t = begins[c]
+    for k in range(offsets[c], offsets[c + 1]):
+        for l in range(offsets[c], offsets[c + 1]):
+            if k != l:
+                key_out[t] = wp.int64(corners[k]) * count + wp.int64(corners[l])
+                own_out[t] = k
+                beside_out[t] = l
+                t += 1
+
+
+@wp.kernel(enable_backward=False)
+def _met(
+    # In:
+    key: wp.array[wp.int64],
+    place: wp.array[wp.int32],
+    start: wp.array[wp.int32],
+    number: wp.array[wp.int32],
+    count: wp.int64,
+    own: wp.array[wp.int32],
+    beside: wp.array[wp.int32],
+    # Out:
+    node_out: wp.array[wp.int32],
+    other_out: wp.array[wp.int32],
+    begin_out: wp.array[wp.int32],
+    own_out: wp.array[wp.int32],
+    beside_out: wp.array[wp.int32],
+):
+    t = wp.tid()
+    own_out[t] = own[place[t]]
+    beside_out[t] = beside[place[t]]
+    if start[t] == 1:
+        h = number[t]
+        node_out[h] = wp.int32(key[t] / count)
+        other_out[h] = wp.int32(key[t] % count)
+        begin_out[h] = t
 
 
 def edge_cells(graph: Graph) -> Cells:

@@ -127,7 +127,7 @@ def test_the_energy_is_the_sum_over_cells(kind: str, spokes: str) -> None:
     graph, rest, x = scene(kind, 3)
     cells = cells_of(spokes, graph, rest)
     energy, fit = energy_at(graph, cells, rest, x)
-    assert fit.energy == pytest.approx(brute_energy(cells, energy.s.numpy(), x), rel=SUMS)
+    assert fit.energy == pytest.approx(brute_energy(cells, energy.arms.s.numpy(), x), rel=SUMS)
     shares = np.bincount(np.maximum(cells.edge.numpy(), ~cells.edge.numpy()), cells.weight.numpy(), graph.edge_count)
     mu = graph.mu.numpy()
     clamped = (mu == COTANGENT_RANGE[0]) & (spokes == "rims")

@@ -19,7 +19,7 @@ LAYERS = [
     ["assembly", "struts", "symmetry", "constraints"],
     ["graph", "constraint_kinds"],
     ["forms", "tree", "centroids", "cells", "cycles", "patches", "heat", "joints", "stretches"],
-    ["exactness", "rings", "solvers", "smoothness", "presets"],
+    ["exactness", "rings", "solvers", "smoothness", "presets", "arms"],
     ["grip", "rest", "starts"],
     ["influence", "overlap", "geodesics", "biharmonic", "places", "equations", "arap_energy"],
     ["falloff", "arap"],

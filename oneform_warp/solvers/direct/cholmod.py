@@ -49,8 +49,8 @@ def _factorise(matrix: FreeMatrix) -> Substitution:
         raise singular("CHOLMOD", error) from error
 
     def substitute(r: NDArray[np.float64]) -> NDArray[np.float64]:
-        e = np.empty_like(r)
-        factor.solve(r, e)
+        e = np.empty(r.shape)
+        factor.solve(np.ascontiguousarray(r), e)
         return e
 
     return substitute

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -26,6 +27,31 @@ CORRECTIONS = 10
 """One is usual, two where weights spread over many decades; a loop that needs more has stagnated before."""
 
 
+@wp.kernel(enable_backward=False)
+def _columns(
+    # In:
+    node: wp.array[wp.int32],
+    r: wp.array[wp.vec3d],
+    # Out:
+    column_out: wp.array2d[wp.float64],
+):
+    k = wp.tid()
+    for d in range(3):
+        column_out[d, k] = r[node[k]][d]
+
+
+@wp.kernel(enable_backward=False)
+def _rows(
+    # In:
+    node: wp.array[wp.int32],
+    column: wp.array2d[wp.float64],
+    # Out:
+    e_out: wp.array[wp.vec3d],
+):
+    k = wp.tid()
+    e_out[node[k]] = wp.vec3d(column[0, k], column[1, k], column[2, k])
+
+
 class HostCorrection:
     """Solves L e = r by a factorisation that lies on the host, whatever the device of the graph."""
 
@@ -37,17 +63,25 @@ class HostCorrection:
         matrix: FreeMatrix,
         substitute: Substitution,
     ) -> None:
+        device = system.graph.device
         self.goals, self.matrix, self.substitute = system.goals, matrix, substitute
-        self.e = wp.zeros(system.graph.node_count, dtype=wp.vec3d, device=system.graph.device)
-        self.e_host = np.zeros((system.graph.node_count, 3))
+        self.one = system.goals.one
+        self.e = wp.zeros(system.graph.node_count, dtype=wp.vec3d, device=device)
+        self._node = wp.array(matrix.nodes, dtype=wp.int32, device=device)
+        self._columns = wp.empty((3, matrix.size), dtype=wp.float64, device=device)
 
     def correct(self, r: wp.array[wp.vec3d], budget: int, watch: Watch | None) -> Correction:
         """See `refinement.Inner`; the whole correction is one iteration."""
-        nodes = self.matrix.nodes
-        stop = nothing_to_do(self.goals, watch)
-        self.e_host[nodes] = 0.0 if stop else self.substitute(r.numpy()[nodes])
-        self.e.assign(self.e_host)
-        return Correction(self.e, self.matrix.scale, self.goals.one, lambda: 0 if stop else 1)
+        if nothing_to_do(self.goals, watch):
+            self.e.zero_()
+            return Correction(self.e, self.matrix.scale, self.one, lambda: 0)
+        count, device = self.matrix.size, self.e.device
+        wp.launch(_columns, dim=count, inputs=[self._node, r], outputs=[self._columns], device=device)
+        # Columns one after the other are what factorisations work on.
+        found = np.ascontiguousarray(self.substitute(self._columns.numpy().T).T)
+        column: Any = wp.array(found, dtype=wp.float64, device=device, copy=False)
+        wp.launch(_rows, dim=count, inputs=[self._node, column], outputs=[self.e], device=device)
+        return Correction(self.e, self.matrix.scale, self.one, lambda: 1)
 
 
 def nothing_to_do(goals: Goals, watch: Watch | None) -> bool:
