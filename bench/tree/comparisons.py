@@ -13,6 +13,9 @@ PAPER = ("min depth", "maximal", "minimal")
 
 HANGING = ("held: min depth", "held: maximal", "held: resistance", "held: shortest", "held: AKPW")
 
+LARGE = 500_000
+"""Nodes from which meshes are for a GPU."""
+
 SMOOTH = CLASSES["rotations and stretches"]
 
 
@@ -88,3 +91,25 @@ def best_by_energy(rows: Rows) -> str:
             line = [_and_extremes(over_rest(cases, seeds, f"{s} residual", MIDDLE)) for s in ("multigrid", "Jacobi CG")]
             lines.append([kind, name, *line])
     return markdown(["forms", "start", "multigrid, less than rest", "Jacobi CG, over rest"], lines) if rows else ""
+
+
+def by_size(rows: Rows) -> str:
+    """Multigrid on spheres: iterations to 1e-5 from each seed, and what it took to make it, beside one iteration."""
+    rows = [row for row in rows if row["mesh"].startswith("sphere") and row["nodes"] > LARGE]
+    cases = by_case(rows)
+    names = [
+        name for name in dict.fromkeys(row["seed"] for row in rows) if all(name in case for case in cases.values())
+    ]
+    lines = []
+    for name in names:
+        found = [case[name] for case in cases.values()]
+        known = name in ("rest", "previous")
+        lines.append([name, *(f"{row['multigrid residual'][MIDDLE]}{'' if known else ', ' + _time(row['seed s'])}"
+                              for row in found)])  # fmt: skip
+    lines.append(["one iteration", *(_time(case["rest"]["multigrid iteration s"]) for case in cases.values())])
+    heads = [f"{case['rest']['nodes']:,}, {case['rest']['kind']} {case['rest']['amount']:g}" for case in cases.values()]
+    return markdown(["seed", *heads], lines) if rows else ""
+
+
+def _time(seconds: float) -> str:
+    return f"{seconds:.2g} s" if seconds >= 0.1 else f"{1e3 * seconds:.2g} ms"
