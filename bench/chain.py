@@ -8,14 +8,14 @@ from __future__ import annotations
 import statistics
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 from bench.options import Options, options
 from bench.table import calm, report
 
-REPEATS = 7
+REPEATS = 11
 SIDES = 24
 TURN = (
     ("set_oneform_handle", {"condselect": "z < zmin + 0.1*(zmax-zmin)", "held": True}),
@@ -48,15 +48,18 @@ def by_meshlab(source: Path, target: Path) -> dict[str, float]:
     return {"load": loaded - begin, "save": time.perf_counter() - loaded}
 
 
-def medians(work: Callable[[], dict[str, float]]) -> dict[str, float]:
-    """The median of each stage, and of "all", over warm runs."""
-    work()
-    runs = []
-    for _ in range(REPEATS):
-        begin = time.perf_counter()
-        stages = work()
-        runs.append({**stages, "all": time.perf_counter() - begin})
-    return {stage: statistics.median(run[stage] for run in runs) for stage in runs[0]}
+def medians(works: Mapping[str, Callable[[], dict[str, float]]]) -> dict[str, dict[str, float]]:
+    """The median of each stage, and of "all", over warm runs; works take turns, so that others disturb them alike."""
+    runs = dict[str, list[dict[str, float]]]((name, []) for name in works)
+    for number in range(REPEATS + 1):
+        for name, work in works.items():
+            begin = time.perf_counter()
+            stages = work()
+            if number:
+                runs[name].append({**stages, "all": time.perf_counter() - begin})
+    return {
+        name: {stage: statistics.median(run[stage] for run in each) for stage in each[0]} for name, each in runs.items()
+    }
 
 
 def row(vertices: int, folder: Path) -> dict[str, Any]:
@@ -67,9 +70,14 @@ def row(vertices: int, folder: Path) -> dict[str, Any]:
     chain = Chain([Step(*step) for step in TURN])
     mixed = Chain([Step(*step) for step in (*TURN, NATIVE)])
     calm()
-    alone = medians(lambda: by_meshlab(source, target))
-    ours = medians(lambda: dict(chain.process(source, target).seconds))
-    native = medians(lambda: dict(mixed.process(source, target).seconds))
+    found = medians(
+        {
+            "MeshLab": lambda: by_meshlab(source, target),
+            "chain": lambda: dict(chain.process(source, target).seconds),
+            "with a native filter": lambda: dict(mixed.process(source, target).seconds),
+        }
+    )
+    alone, ours, native = found.values()
     return {
         "vertices": vertices,
         "load+save s": alone["all"],
@@ -80,7 +88,7 @@ def row(vertices: int, folder: Path) -> dict[str, Any]:
         "deformation": next(seconds for name, seconds in ours.items() if "deformation" in name),
         "save": ours["save"],
         "with a native filter s": native["all"],
-        "stages": {"MeshLab": alone, "chain": ours, "with a native filter": native},
+        "stages": found,
     }
 
 

@@ -63,4 +63,4 @@ class Rest:
         moved = np.take(x.numpy() - self.x.numpy(), self.graph.node_of, axis=0)
         moved *= self.scale
         # A sum with zero would make 0 of -0.
-        return self.rows.like(np.add(self.rows.data, moved, out=self.rows.data.copy(), where=moved != 0.0))
+        return self.rows.like(np.where(moved == 0.0, self.rows.data, self.rows.data + moved))

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any
 
 import numpy as np
 import warp as wp
 
-__all__ = ["group_starts", "iota", "row_offsets", "scan", "sort_by_key"]
+__all__ = ["group_starts", "iota", "last", "row_offsets", "scan", "sort_by_key"]
 
 
 @wp.kernel(enable_backward=False)
@@ -26,11 +27,29 @@ def iota(count: int, device: Any) -> wp.array[wp.int32]:
     return numbers
 
 
+@cache
+def _letter_box(device: str) -> tuple[wp.array[wp.int32], np.ndarray]:
+    """One number of pinned memory, which a GPU writes without a detour, and NumPy's view of it."""
+    word = wp.empty(1, dtype=wp.int32, device="cpu", pinned=True)
+    return word, word.numpy()
+
+
+def last(numbers: wp.array[wp.int32]) -> int:
+    """The last of some numbers, on the host; waits for the device."""
+    device: Any = numbers.device
+    if not device.is_cuda:
+        return int(numbers.numpy()[-1])
+    word, seen = _letter_box(device.alias)
+    wp.copy(word, numbers, src_offset=numbers.shape[0] - 1, count=1)
+    wp.synchronize_stream(device.stream)
+    return int(seen[0])
+
+
 def scan(counts: wp.array[wp.int32]) -> tuple[wp.array[wp.int32], int]:
     """Counts per row, (n + 1,) with the last one zero -> (offsets (n + 1,), their total)."""
     offsets = wp.empty_like(counts)
     wp.utils.array_scan(counts, offsets, inclusive=False)
-    return offsets, int(offsets[-1:].numpy()[0])
+    return offsets, last(offsets)
 
 
 def sort_by_key(keys: wp.array[Any]) -> tuple[wp.array[Any], wp.array[wp.int32]]:

@@ -180,13 +180,13 @@ class PlyRecords(Records):
     ) -> list[tuple[NDArray[np.int64], Any]]:
         """Rows of three columns (V, 3), in the file's types, and where they go."""
         types = [self.elements["vertex"].properties[name].type for name in names]
-        places = np.stack([self._vertex[name].places[rows] for name in names], axis=1)
-        together = [(0, 3)] if len(set(types)) == 1 else [(0, 1), (1, 2), (2, 3)]
+        together = [slice(0, 3)] if self._stand_together(names) else [slice(k, k + 1) for k in range(3)]
         edits = []
-        for begin, end in together:
+        for columns in together:
+            first = columns.start
             with np.errstate(over="ignore"):
-                typed = values[rows, begin:end].astype(types[begin])
+                typed = np.take(values[:, columns].astype(types[first]), rows, axis=0)
             if not np.isfinite(typed).all():
-                raise ValueError(f"a number is too large for {names[begin]}, which has {8 * typed.itemsize} bits")
-            edits.append((places[:, begin:end], typed))
+                raise ValueError(f"a number is too large for {names[first]}, which has {8 * typed.itemsize} bits")
+            edits.append((self._vertex[names[first]].places[rows], typed))
         return edits

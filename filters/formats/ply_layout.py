@@ -62,7 +62,7 @@ class Body(ABC):
 
     @abstractmethod
     def changed(self, edits: Sequence[tuple[Places, NDArray[Any]]]) -> bytes:
-        """The whole file with other numbers (n, k), of the file's type, at places (n, k)."""
+        """The whole file with other numbers (n, k), of the file's type, that stand together from places (n,) on."""
 
 
 class Text(Body):
@@ -88,7 +88,7 @@ class Text(Body):
         """Numbers in the fewest digits."""
         splice = Splice()
         for places, values in edits:
-            splice.respell(self.words, places, values)
+            splice.respell(self.words, places[:, None] + np.arange(values.shape[1]), values)
         return splice.on(self.words.data)
 
 
@@ -121,10 +121,8 @@ class Binary(Body):
         data = bytearray(self.data)
         for places, values in edits:
             ordered = np.ascontiguousarray(values, dtype=values.dtype.newbyteorder(self.order))
-            if not (np.diff(places, axis=1) == values.itemsize).all():
-                places, ordered = places.reshape(-1, 1), ordered.reshape(-1, 1)
             size = ordered.itemsize * ordered.shape[1]
-            _pieces(data, size)[places[:, 0]] = ordered.view(f"V{size}").ravel()
+            _pieces(data, size)[places] = ordered.view(f"V{size}").ravel()
         return bytes(data)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 from typing import Any
 
 import warp as wp
@@ -33,6 +34,12 @@ def _look(
         left = left_out[0] - batch
         left_out[0] = left
         active_out[0] = wp.where(total > 0 and left >= batch, 1, 0)
+
+
+@cache
+def _decides() -> bool:
+    """Whether a GPU can run a graph until it sees by itself that it is done."""
+    return bool(wp.is_conditional_graph_supported())
 
 
 class Recording:
@@ -79,7 +86,7 @@ class Loop:
 
         Where nobody watches, a GPU decides by itself when to stop, and the host need not wait.
         """
-        if self.one_batch.warm and self.device.is_cuda and watch is None and budget >= self.batch:
+        if watch is None and budget >= self.batch and self.device.is_cuda and _decides():
             return self._until_done(budget)
         done, stopped = 0, False
         while done < budget and not stopped and self._waiting():

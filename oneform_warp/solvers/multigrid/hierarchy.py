@@ -25,8 +25,11 @@ COARSEST = 600
 
 LEVELS = 20
 THRESHOLDS = (0.08, 0.03)
-COMPLEXITY_LIMIT = 1.4
-"""Above this operator complexity the second threshold, which keeps more edges strong, coarsens faster."""
+"""Edges that count as strong, see `strong_edges`."""
+
+ENOUGH = 0.2
+"""Where the first threshold leaves more than this part of the nodes, the second is taken from there on. It keeps more
+edges strong; else all matrices together would have 1.4 times the entries of the finest one and more."""
 
 STALL = 0.75
 """A level that shrinks to no less than this part is not worth having."""
@@ -74,31 +77,51 @@ def structure(graph: Graph) -> Structure:
     """The structure of a graph with its mu, made once for as long as the graph lives."""
     if graph not in _KNOWN:
         fine = LaplacianRows.of(System.of(graph, np.zeros(graph.node_count, dtype=bool)), FLOAT32)
-        made = _coarsened(fine, THRESHOLDS[0])
-        if made.complexity > COMPLEXITY_LIMIT:
-            made = min(made, _coarsened(fine, THRESHOLDS[1]), key=lambda s: s.complexity)
-        _KNOWN[graph] = made
+        _KNOWN[graph] = _coarsened(fine)
     return _KNOWN[graph]
 
 
-def _coarsened(rows: LaplacianRows, threshold: float) -> Structure:
-    prolongations: list[Prolongation] = []
-    patterns: list[Rows] = []
-    sizes, entries = [rows.inverse_diagonal.shape[0]], [rows.weight.shape[0]]
-    while sizes[-1] > COARSEST and entries[-1] > 0 and len(sizes) < LEVELS:
-        strong = strong_edges(rows, threshold)
-        numbers, count = aggregate(rows, strong)
-        if count == 0 or count > STALL * sizes[-1]:
-            break
-        p = smoothed_prolongation(rows, strong, numbers, count)
-        product = product_pattern(rows, p)
-        pattern = coarse_pattern(p, product)
-        rows = galerkin_values(rows, p, product, pattern)
-        prolongations.append(p)
-        patterns.append(pattern)
-        sizes.append(count)
-        entries.append(pattern.count)
-    return Structure(tuple(prolongations), tuple(patterns), tuple(sizes), tuple(entries))
+def _coarsened(fine: LaplacianRows) -> Structure:
+    steps = list[_Step]()
+    step = _coarser(fine, THRESHOLDS)
+    while step is not None and len(steps) + 1 < LEVELS:
+        steps.append(step)
+        step = _coarser(step.rows, step.thresholds)
+    rows = [fine, *(step.rows for step in steps)]
+    return Structure(
+        tuple(step.prolongation for step in steps),
+        tuple(step.pattern for step in steps),
+        tuple(each.inverse_diagonal.shape[0] for each in rows),
+        tuple(each.weight.shape[0] for each in rows),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Step:
+    """From one level to the next coarser one."""
+
+    prolongation: Prolongation
+    pattern: Rows
+    rows: LaplacianRows
+    thresholds: tuple[float, ...]
+    """Those that are left for the levels below."""
+
+
+def _coarser(rows: LaplacianRows, thresholds: tuple[float, ...]) -> _Step | None:
+    """The next level; None where there is nothing to gain by one."""
+    size = rows.inverse_diagonal.shape[0]
+    if size <= COARSEST or not rows.weight.shape[0]:
+        return None
+    strong = strong_edges(rows, thresholds[0])
+    numbers, count = aggregate(rows, strong)
+    if count > ENOUGH * size and len(thresholds) > 1:
+        return _coarser(rows, thresholds[1:])
+    if count == 0 or count > STALL * size:
+        return None
+    p = smoothed_prolongation(rows, strong, numbers, count)
+    product = product_pattern(rows, p)
+    pattern = coarse_pattern(p, product)
+    return _Step(p, pattern, galerkin_values(rows, p, product, pattern), thresholds)
 
 
 def hierarchy(system: System) -> Hierarchy:
@@ -122,23 +145,25 @@ def _dense_inverse(rows: LaplacianRows) -> tuple[NDArray[np.float64], NDArray[np
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import connected_components
 
-    inverse_diagonal = rows.inverse_diagonal.numpy()
-    moving = np.flatnonzero(inverse_diagonal > 0.0)
-    count = len(inverse_diagonal)
+    moves = rows.inverse_diagonal.numpy() > 0.0
+    moving = np.flatnonzero(moves)
     if len(moving) > 4 * COARSEST or not len(moving):
         return np.zeros((0, 0)), np.zeros(0, dtype=np.int64)
-    weights = csr_array(
-        (rows.weight.numpy().astype(np.float64), rows.neighbours.numpy(), rows.offsets.numpy()), (count, count)
-    )
-    inside = weights[moving][:, moving]
+    number = np.cumsum(moves) - 1
+    weight, neighbour = rows.weight.numpy().astype(np.float64), rows.neighbours.numpy()
+    row = np.repeat(np.arange(len(moves)), np.diff(rows.offsets.numpy()))
+    inside, across = moves[row] & moves[neighbour], moves[row] & ~moves[neighbour]
+    dense = np.zeros((len(moving), len(moving)))
+    dense[number[row[inside]], number[neighbour[inside]]] = weight[inside]
     attached = rows.attachment.numpy()[moving] if rows.attachment.shape[0] else np.zeros(len(moving))
-    row_sums = weights.sum(axis=1)[moving]
+    row_sums = np.bincount(row, weight, len(moves))[moving]
     # Weights to nodes that do not move hold a component as attachments do.
-    held = (attached > 0.0) | (np.diff(weights[moving].indptr) > np.diff(inside.indptr))
-    component_count, label = connected_components(inside, directed=False)
+    held = (attached > 0.0) | (np.bincount(row[across], minlength=len(moves))[moving] > 0)
+    component_count, label = connected_components(csr_array(dense != 0.0), directed=False)
     floating = np.bincount(label, held, component_count) == 0.0
-    dense = inside.toarray()
     matrix = np.diag(row_sums + attached) - (dense + dense.T) / 2.0
+    if not floating.any():
+        return _inverse_by_blocks(matrix, label), moving
     # Singular where a component floats: made regular by the projector onto constants, which the inverse then loses.
     members = np.where(floating[label], label, -1)
     size = matrix.diagonal().mean()
