@@ -215,7 +215,7 @@ class Deformer:
         return self._solver.solve(state, v, begin).x, given
 
     def _states_under(self, constraints: Sequence[Constraint]) -> States:
-        """What is prepared under these constraints; the same ones again find it prepared."""
+        """What is prepared under these constraints; the same rows again, even with another d, find it prepared."""
         if not constraints:
             return self._states
         # Imported only when used: constraints bring half of SciPy along.
@@ -225,7 +225,11 @@ class Deformer:
         # A Constraint is compared by identity.
         if self._held is None or self._held[0] != tuple(constraints):
             made = equations(constraints, self._rest)
-            self._held = tuple(constraints), made, States(Constrained(self._solver, made, self._rest.x), self.graph)
+            solver, before = Constrained(self._solver, made, self._rest.x), self._held
+            states = States(solver, self.graph)
+            if before is not None and made.has_the_rows_of(before[1]):
+                states = before[2].changed(solver, lambda state: state.asking(made))
+            self._held = tuple(constraints), made, states
         return self._held[2]
 
     def check(self, handles: Sequence[Handle]) -> None:

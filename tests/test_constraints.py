@@ -514,3 +514,37 @@ def test_hundreds_of_forms_are_few(device: str) -> None:
         made = equations([constraint, constraint], rest)
         assert made.count == 2 * rows
         assert made.scalar_columns.forms.shape[1] == forms
+
+
+class Counting:
+    """SuperLU that counts how often it prepares."""
+
+    def __init__(self) -> None:
+        self.solver, self.prepared = SuperLU(), 0
+        self.tol, self.solve = self.solver.tol, self.solver.solve
+
+    def prepare(self, graph: ow.Graph, pinned: np.ndarray, attachment: np.ndarray | None = None) -> ow.solvers.State:
+        self.prepared += 1
+        return self.solver.prepare(graph, pinned, attachment)
+
+
+@pytest.mark.parametrize("weight", [None, 3.0], ids=["hard", "soft"])
+def test_another_right_hand_side_prepares_nothing(weight: float | None) -> None:
+    x, faces = ow.shapes.bar(segments=8, sides=4)
+    foot, counting = ow.Handle(x[:, 2] < x[:, 2].min() + 0.1, held=True), Counting()
+    deformer = ow.Deformer(x, faces, solver=counting)
+
+    def asked(shift: float) -> list[Constraint]:
+        """One complete row by row, one that follows the deformed shape."""
+        return [
+            position([len(x) - 1], x[-1:] + shift, weight=weight),
+            edge_length(2, len(x) - 3, (1.0 + shift) * float(np.linalg.norm(x[2] - x[-3])), weight=weight),
+        ]
+
+    moved = [deformer.deform([foot], constraints=asked(shift)) for shift in (0.0, 0.1, 0.2)]
+    assert counting.prepared == 1
+    anew = ow.Deformer(x, faces, solver=SuperLU()).deform([foot], constraints=asked(0.2))
+    np.testing.assert_array_equal(moved[-1], anew)
+    assert np.abs(moved[-1] - moved[0]).max() > 0.1
+    deformer.deform([foot], constraints=asked(0.2)[:1])
+    assert counting.prepared == 2

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,6 +42,12 @@ class States:
             known = _Kept(pinned, attachment, self.solver.prepare(self.graph, pinned, attachment))
         self._kept = [known, *(k for k in self._kept if k is not known)][:KEPT]
         return known.state
+
+    def changed(self, solver: Solver, change: Callable[[Any], State]) -> States:
+        """Those of another solver, each made from one of these."""
+        others = States(solver, self.graph)
+        others._kept = [kept._replace(state=change(kept.state)) for kept in self._kept]
+        return others
 
 
 def _same(a: NDArray[np.generic] | None, b: NDArray[np.generic] | None) -> bool:

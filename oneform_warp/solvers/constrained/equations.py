@@ -56,6 +56,11 @@ class Equations:
         """The rows that hold exactly, (rows,)."""
         return self.compliance == 0.0
 
+    def has_the_rows_of(self, other: Equations) -> bool:
+        """Whether only names and d may differ."""
+        parts = ("owner", "row", "node", "axis", "value", "origin", "compliance", "along")
+        return all(np.array_equal(getattr(self, part), getattr(other, part)) for part in parts)
+
     def label(self, row: int) -> str:
         """The name of the row's constraint."""
         return self.names[int(self.owner[row])]

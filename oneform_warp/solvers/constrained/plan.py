@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -50,6 +50,10 @@ class Plan:
         unit = diags_array(1.0 / np.where(length > 0.0, length, 1.0)) @ matrix
         rows = unit.tocsr()[hard][:, np.flatnonzero(free)]
         return cls(equations, matrix, equations.right_hand_side(factors), length, free, hard, dependence(rows))
+
+    def asking(self, equations: Equations) -> Plan:
+        """The same rows, complete ones, with another d."""
+        return replace(self, equations=equations, right=equations.right_hand_side(np.ones((equations.count, 3))))
 
     @property
     def dropped(self) -> NDArray[np.int64]:

@@ -74,6 +74,11 @@ class ConstrainedState(State):
         )
         return state if equations.follows else replace(state, known=state._plan(np.ones((equations.count, 3))))
 
+    def asking(self, equations: Equations) -> ConstrainedState:
+        """The state for the same rows with another d: nothing is solved for."""
+        known = None if self.known is None else (self.known[0].asking(equations), self.known[1])
+        return replace(self, equations=equations, known=known)
+
     @property
     def floating(self) -> NDArray[np.bool_]:
         """None: what floats is dealt with together with the constraints."""
