@@ -8,7 +8,7 @@ import numpy as np
 
 from oneform_warp.errors import InputError
 from oneform_warp.filters.filter import Filter, nearest
-from oneform_warp.filters.handle_mirror import MIRROR, NOWHERE, mirrored
+from oneform_warp.filters.handle_mirror import MIRRORING, mirrored
 from oneform_warp.filters.handle_place import PLACE, place_of
 from oneform_warp.filters.handle_set import PlacedHandle
 from oneform_warp.filters.handle_weights import SOURCES, handle_weights
@@ -43,7 +43,7 @@ def _set_handle(meshes: MeshSet, **values: Any) -> dict[str, Any]:
         place=place_of(meshes, values, chosen),
     )
     handle.check()
-    twin = None if values["mirror"] == NOWHERE else mirrored(handle, placed.rest, values["mirror"])
+    twin = mirrored(handle, placed.rest, values)
     placed.place(handle)
     if twin is not None:
         placed.place(twin)
@@ -106,7 +106,7 @@ SET_HANDLE = Filter(
         Flag("freerotation", False, "Whether the handle leaves the rotation free."),
         Flag("freestretch", False, "Whether the handle leaves the stretch free."),
         *PLACE,
-        MIRROR,
+        *MIRRORING,
     ),
     _set_handle,
 )  # fmt: skip

@@ -205,6 +205,9 @@ def test_mirrored_handles_and_presets_on_the_command_line(tmp_path: Path) -> Non
     expected = ow.deform(X, FACES, [HOLD, side, mirror(side, X, "x")])
     y = run(tmp_path, "--hold", "z < 0.1", "--handle", "z > 0.9 && x > 0.05", "axis=y,angle=30,mirror=x")
     assert np.abs(y - expected).max() < WRITTEN
+    spec = "axis=y,angle=30,mirror=1:0:0,mirror_at=0,mirror_tolerance=0.001"
+    y = run(tmp_path, "--hold", "z < 0.1", "--handle", "z > 0.9 && x > 0.05", spec)
+    assert np.abs(y - expected).max() < WRITTEN
     expected = ow.deform(X, FACES, ow.presets.twist(X, 90, axis="z"))
     assert np.abs(run(tmp_path, "--preset", "twist,angle=90,axis=z") - expected).max() < WRITTEN
     recipe = {"presets": [{"preset": "twist", "angle": 90, "axis": "z"}]}
@@ -223,6 +226,8 @@ def test_mirrored_handles_and_presets_on_the_command_line(tmp_path: Path) -> Non
         (["--constraint", "centroid", "select=z>0.9,to=0:0:1,too=1"], "there is no key 'too'; did you mean 'to'"),
         (["--constraint", "edge_length", "a=1,b=2"], "edge_length needs length"),
         (["--preset", "fold"], "there is no preset 'fold'"),
+        (["--handle", "z > 0.9", "axis=z,angle=9,mirror_at=0.2"], "mirror_at is given without mirror"),
+        (["--handle", "z > 0.9", "axis=z,angle=9,mirror=x,mirror_tolerance=0"], "the distance is 0"),
     ],
 )
 def test_what_cannot_be_is_named_and_nothing_is_written(arguments: list[str], message: str, tmp_path: Path) -> None:

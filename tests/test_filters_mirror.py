@@ -33,6 +33,33 @@ def test_the_mirrored_handle_is_that_of_the_function() -> None:
     np.testing.assert_array_equal(made.place["move"], twin.move[:3])
 
 
+@pytest.mark.parametrize(
+    ("values", "at"),
+    [
+        ({"mirror": "x", "mirrorrelativeto": "Origin", "mirroroffset": 0.25}, 0.25),
+        ({"mirror": "x", "mirroroffset": -0.25}, 0.25),
+        ({"mirror": "custom axis", "mirroraxis": [-2, 0, 0], "mirroroffset": 0.25}, 0.25),
+    ],
+)
+def test_the_plane_is_anywhere(values: dict, at: float) -> None:
+    meshes = sheet()
+    meshes.apply_filter("set_oneform_handle", condselect="x < 0.1", name="left", angle=30.0, **values)
+    x = meshes.current_mesh().vertex_matrix()
+    twin = mirror(ow.Handle(x[:, 0] < 0.1, angle=30.0), x, "x", at=at)
+    made = np.flatnonzero(meshes.placed_handles().handles["left mirrored"].mask)
+    np.testing.assert_array_equal(made, twin.vertices)
+    assert x[made, 0].min() > 0.4
+
+
+def test_a_partner_may_be_as_far_as_is_said() -> None:
+    meshes = sheet()
+    values = {"condselect": "x < 0.1", "angle": 10.0, "mirror": "x", "mirroroffset": 0.02}
+    with pytest.raises(pymeshlab.PyMeshLabException, match="mirror"):
+        meshes.apply_filter("set_oneform_handle", **values)
+    meshes.apply_filter("set_oneform_handle", **values, mirrortolerance="5%")
+    assert len(meshes.placed_handles().handles) == 2
+
+
 def test_painted_weights_are_those_of_the_partners() -> None:
     x = ow.shapes.grid(12, 6)[0]
     paint = np.where(x[:, 0] < 0.4, 1.0 - x[:, 0], 0.0) * (0.5 + x[:, 1] / 2.0)

@@ -38,7 +38,9 @@ SPEC is key=value,... of
   frame=0:0:0.5           a rotation vector that turns these directions
   name=NAME               for messages
   held                    stay in place
-  mirror=x                the same on the other side
+  mirror=x, mirror=1:1:0  the same on the other side of a plane across this axis
+  mirror_at=0.2           where that cuts the axis; default the middle of the box
+  mirror_tolerance=0.01   how far a vertex may be from its partner's image
   move=0:0:0.3            go there: a translation
   pivot=centroid          go there: turn as a whole about a point, as 0:0:1
   to=FILE                 go there: where a mesh file has the same vertices

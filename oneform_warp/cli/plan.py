@@ -103,12 +103,13 @@ def make_handles(
         vertices = select_vertices(spec, mesh)
         options = {**spec.options, "name": spec.name}
         across = options.pop("mirror", None)
+        plane = {word: options.pop(f"mirror_{word}", None) for word in ("at", "tolerance")}
         if "to" in options:
             options["to"] = _targets(mesh, spec)[vertices]
         handles.append(Handle(vertices, **options))
         chosen.append(spec)
         if across is not None:
-            handles.append(mirror(handles[-1], mesh.positions, across))
+            handles.append(mirror(handles[-1], mesh.positions, across, **plane))
             chosen.append(HandleSpec(spec.select, {"name": handles[-1].name}, spec.folder))
     return chosen, handles
 

@@ -77,6 +77,9 @@ def handle_options(given: Mapping[str, Any], where: str) -> dict[str, Any]:
         options[name] = READERS[name](value, f"{where}: {key}")
     if ("axis" in options) != ("angle" in options):
         raise InputError("axis and angle belong together", where=where, fix="give both, as axis=z,angle=90")
+    lonely = [name for name in options if name.startswith("mirror_") and "mirror" not in options]
+    if lonely:
+        raise InputError(f"{lonely[0]} is given without mirror", where=where, fix="say across which axis, as mirror=x")
     return options
 
 
@@ -177,10 +180,11 @@ def _flag(value: Any, where: str) -> bool:
     return words[word]
 
 
-def _mirror(value: Any, where: str) -> str:
-    if value not in ("x", "y", "z"):
-        raise InputError(f"there is no plane across {value!r}", where=where, fix="give x, y or z")
-    return str(value)
+def _distance(value: Any, where: str) -> float:
+    distance = number_from(value, where)
+    if distance <= 0.0:
+        raise InputError(f"the distance is {distance:g}", where=where, fix="give a length > 0")
+    return distance
 
 
 READERS: dict[str, Callable[[Any, str], Any]] = {
@@ -191,7 +195,9 @@ READERS: dict[str, Callable[[Any, str], Any]] = {
     "name": _name,
     "frame": _point,
     "held": _flag,
-    "mirror": _mirror,
+    "mirror": _axis,
+    "mirror_at": number_from,
+    "mirror_tolerance": _distance,
     "to": _path,
     "move": _point,
     "pivot": _pivot,
