@@ -16,6 +16,8 @@ HANGING = ("held: min depth", "held: maximal", "held: resistance", "held: shorte
 LARGE = 500_000
 """Nodes from which meshes are for a GPU."""
 
+COUNTED = ("multigrid", "Jacobi CG")
+
 SMOOTH = CLASSES["rotations and stretches"]
 
 
@@ -76,6 +78,38 @@ def by_tolerance(rows: Rows) -> str:
     return markdown(["solver", "best of", *(f"{tol:.0e}" for tol in TOLERANCES)], lines) if lines else ""
 
 
+def by_noise(rows: Rows) -> str:
+    """What is saved where v is exact but for noise, by its size in parts of the edges."""
+    noisy = [row for row in rows if row["kind"] == "noise"]
+    lines = []
+    for amount in sorted({row["amount"] for row in noisy}):
+        cases = list(by_case([row for row in noisy if row["amount"] == amount]).values())
+        line = [f"{amount:g}", len(cases)]
+        for solver in COUNTED:
+            for seed in ("min depth", "held: min depth", "rings"):
+                line.append(spread(over_rest(cases, [seed], f"{solver} residual", MIDDLE)))
+        lines.append(line)
+    heads = ("from the middle", "hanging", "rings")
+    columns = ["noise", "cases", *(f"{solver}: {head}" for solver in COUNTED for head in heads)]
+    return markdown(columns, lines) if lines else ""
+
+
+def slow(rows: Rows) -> str:
+    """Jacobi to 1e-3: in how many cases 10,000 sweeps were enough, and over those from rest where both were."""
+    column = "Jacobi residual"
+    rows = [row for row in rows if column in row]
+    lines = []
+    for name in dict.fromkeys(row["seed"] for row in rows):
+        line = [name]
+        for test in (lambda row: not SMOOTH(row), SMOOTH):
+            cases = [case for case in by_case(rows).values() if test(case["rest"])]
+            reached = sum(case[name][column][0] is not None for case in cases)
+            line += [f"{reached} of {len(cases)}", spread(over_rest(cases, [name], column, 0))]
+        lines.append(line)
+    columns = ["seed", "noise: reached", "over rest", "rotations and stretches: reached", "over rest"]
+    return markdown(columns, lines) if rows else ""
+
+
 def best_by_energy(rows: Rows) -> str:
     """What it brings to make several starts and to take the one of least energy; and the one of fewest iterations."""
     kinds: dict[str, Callable[[Row], bool]] = {"noise": lambda row: not SMOOTH(row), "smooth": SMOOTH}
@@ -88,8 +122,16 @@ def best_by_energy(rows: Rows) -> str:
             ("least energy of rest, rings, 3 trees", (BEST,)),
             ("fewest iterations of them", ("rest", "rings", "held: min depth", "held: maximal", "held: resistance")),
         ):
-            line = [_and_extremes(over_rest(cases, seeds, f"{s} residual", MIDDLE)) for s in ("multigrid", "Jacobi CG")]
-            lines.append([kind, name, *line])
+            line = [_and_extremes(over_rest(cases, seeds, f"{s} residual", MIDDLE)) for s in COUNTED]
+            lines.append([f"{kind}, {len(cases)} cases", name, *line])
+        by_energy = [{"rest": c["rest"], "": min(c["rest"], c["rings"], key=lambda r: r["energy"])} for c in cases]
+        line = [_and_extremes(over_rest(by_energy, [""], f"{s} residual", MIDDLE)) for s in COUNTED]
+        lines.append([f"{kind}, {len(cases)} cases", "least energy of rest, rings", *line])
+        for name, less in (("rings, where of less energy than rest", True), ("rings, where of more", False)):
+            chosen = [c for c in cases if (c["rings"]["energy"] < c["rest"]["energy"]) == less]
+            line = [_and_extremes(over_rest(chosen, ["rings"], f"{s} residual", MIDDLE)) for s in COUNTED]
+            if chosen:
+                lines.append([f"{kind}, {len(chosen)} cases", name, *line])
     return markdown(["forms", "start", "multigrid, less than rest", "Jacobi CG, over rest"], lines) if rows else ""
 
 
