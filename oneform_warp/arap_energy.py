@@ -8,7 +8,6 @@ With R the best rotations this is the energy that spokes-and-rims ARAP minimises
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import warp as wp
 
@@ -17,7 +16,7 @@ from oneform_warp.cells import Cells
 from oneform_warp.forms import form_size
 from oneform_warp.procrustes import nearest_rotation
 from oneform_warp.segments import launch_chunks
-from oneform_warp.smoothness import Smoothness
+from oneform_warp.smoothness import Smoothness, among_neighbours
 from oneform_warp.solvers import State
 
 __all__ = ["CellEnergy", "Fit"]
@@ -32,11 +31,15 @@ def _fitted(
     weight: wp.array[wp.float64],
     arm: wp.array[wp.vec3d],
     rest: wp.array[wp.float64],
+    edge_offsets: wp.array[wp.int32],
+    neighbours: wp.array[wp.int32],
+    incident: wp.array[wp.int32],
+    mu: wp.array[wp.float64],
     # In:
     x: wp.array[wp.vec3d],
     old: wp.array[wp.mat33d],
-    bias: wp.array[wp.mat33d],
     given: wp.array[wp.int32],
+    smooth: wp.float64,
     planar: int,
     # Out:
     rotation_out: wp.array[wp.mat33d],
@@ -54,22 +57,16 @@ def _fitted(
             squares += weight[h] * wp.length_sq(d)
         rotation = old[i]
         if given[i] == 0:
-            rotation = best_rotation(b, old[i], bias, planar, i)
+            asked = b
+            if smooth > wp.float64(0.0):
+                asked = among_neighbours(edge_offsets, neighbours, incident, mu, smooth, old, b, i)
+            if planar != 0:
+                # Half a turn about an axis in the plane would be a reflection of it.
+                asked[2, 2] += wp.float64(2.0) * wp.sqrt(wp.ddot(asked, asked))
+            rotation = nearest_rotation(asked, rotation)
         rotation_out[i] = rotation
         energy += wp.float64(0.5) * squares + rest[i] - wp.float64(2.0) * wp.ddot(rotation, b)
     wp.tile_store(energy_out, wp.tile_sum(wp.tile(wp.vec3d(energy), preserve_type=True)), offset=chunk)
-
-
-@wp.func
-def best_rotation(b: wp.mat33d, old: wp.mat33d, bias: wp.array[wp.mat33d], planar: int, i: int) -> wp.mat33d:
-    """The rotation nearest to B_i and what else pulls at it; in a plane, one about its normal."""
-    total = b
-    if bias.shape[0] > 0:
-        total += bias[i]
-    if planar != 0:
-        # Half a turn about an axis in the plane would be a reflection of it.
-        total[2, 2] += wp.float64(2.0) * wp.sqrt(wp.ddot(total, total))
-    return nearest_rotation(total, old)
 
 
 @wp.kernel(enable_backward=False)
@@ -213,17 +210,10 @@ class CellEnergy:
     def fit(self, x: wp.array[wp.vec3d], old: wp.array[wp.mat33d]) -> Fit:
         """The best rotations at x and what follows from them; `old` decides where they are open."""
         arms, met, graph = self.arms, self.arms.meetings, self.cells.graph
-        rotation, r = wp.empty_like(old), wp.empty_like(x)
-        bias = no_matrices(x.device) if self.smoothness is None else self.smoothness.bias(old)
-        launch_chunks(
-            _fitted,
-            self.cells.segments,
-            [
-                *(met.offsets, met.other, arms.weight, arms.to, arms.rest),
-                *(x, old, bias, self.given, int(self.planar)),
-            ],
-            [rotation, self._energies],
-        )
+        rotation, r = self._rotations(x, old), wp.empty_like(x)
+        if self.smoothness is not None:
+            # Each has its neighbours' last ones beside it, and once is not enough for what depends on them.
+            rotation = self._rotations(x, rotation)
         system = self.state.system
         launch_chunks(
             _residual,
@@ -245,6 +235,17 @@ class CellEnergy:
             launch_chunks(_squares, graph.segments, [r], [self.square])
         return Fit(x, rotation, r, energy)
 
+    def _rotations(self, x: wp.array[wp.vec3d], old: wp.array[wp.mat33d]) -> wp.array[wp.mat33d]:
+        """The best ones at x among neighbours as in `old`, and the partial sums of E."""
+        arms, met, graph = self.arms, self.arms.meetings, self.cells.graph
+        rotation = wp.empty_like(old)
+        rings = [met.offsets, met.other, arms.weight, arms.to, arms.rest]
+        edges = [graph.offsets, graph.neighbours, graph.incident, graph.mu]
+        smooth = 0.0 if self.smoothness is None else self.smoothness.scale
+        inputs = [*rings, *edges, x, old, self.given, smooth, int(self.planar)]
+        launch_chunks(_fitted, self.cells.segments, inputs, [rotation, self._energies])
+        return rotation
+
     def form(self, fit: Fit) -> wp.array[wp.vec3d]:
         """The 1-form (m,) whose integral lowers E: v_e = d_e + sum over its cells of w_ce / mu_e (mean(R) s_e - d_e).
 
@@ -256,8 +257,3 @@ class CellEnergy:
         inputs = [*rings, graph.tail, graph.head, graph.mu, self.arms.s, fit.x, fit.rotation]
         wp.launch(_form, dim=v.shape[0], inputs=inputs, outputs=[v], device=v.device)
         return v
-
-
-def no_matrices(device: Any) -> wp.array[wp.mat33d]:
-    """An empty array, for none."""
-    return wp.zeros(0, dtype=wp.mat33d, device=device)

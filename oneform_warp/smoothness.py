@@ -10,28 +10,35 @@ from oneform_warp.forms import form_size
 from oneform_warp.graph import Graph
 from oneform_warp.segments import launch_chunks
 
-__all__ = ["Smoothness"]
+__all__ = ["Smoothness", "among_neighbours"]
 
 
-@wp.kernel(enable_backward=False)
-def _bias(
-    # Graph:
+@wp.func
+def among_neighbours(
     offsets: wp.array[wp.int32],
     neighbours: wp.array[wp.int32],
     incident: wp.array[wp.int32],
     mu: wp.array[wp.float64],
-    # In:
     scale: wp.float64,
     rotation: wp.array[wp.mat33d],
-    # Out:
-    bias_out: wp.array[wp.mat33d],
-):
-    i = wp.tid()
+    b: wp.mat33d,
+    i: int,
+) -> wp.mat33d:
+    """B + scale sum_j mu_ij (R_j + c R_i), which the best rotation of node i among fixed neighbours is nearest to.
+
+    Neighbours turn at once. With c = 1 the term is the tangent of a concave function, and the energy still falls; where
+    B is the stronger it does so without, in fewer steps: c is the neighbours' part of both.
+    """
     total = wp.mat33d()
+    strength = wp.float64(0.0)
     for h in range(offsets[i], offsets[i + 1]):
-        w = mu[wp.max(incident[h], ~incident[h])]
-        total += w * (rotation[i] + rotation[neighbours[h]])
-    bias_out[i] = scale * total
+        w = scale * mu[wp.max(incident[h], ~incident[h])]
+        total += w * rotation[neighbours[h]]
+        strength += w
+    size = wp.sqrt(wp.ddot(b, b)) + strength
+    if size > wp.float64(0.0):
+        total += strength * (strength / size) * rotation[i]
+    return b + total
 
 
 @wp.kernel(enable_backward=False)
@@ -65,17 +72,6 @@ class Smoothness:
     def of(cls, graph: Graph, form: wp.array[wp.vec3d], alpha: float) -> Smoothness:
         """alpha times the area 1/2 sum mu |s|^2 of the rest edges s (m,): so that scale is no matter."""
         return cls(graph, alpha * form_size(graph, form) / 2.0)
-
-    def bias(self, rotation: wp.array[wp.mat33d]) -> wp.array[wp.mat33d]:
-        """scale sum_j mu_ij (R_i + R_j), added to the covariances.
-
-        With R_i beside R_j the term is the tangent of a concave function, so that all nodes may turn at once and the
-        energy still falls.
-        """
-        graph, result = self.graph, wp.empty_like(rotation)
-        inputs = [graph.offsets, graph.neighbours, graph.incident, graph.mu, self.scale, rotation]
-        wp.launch(_bias, dim=graph.node_count, inputs=inputs, outputs=[result], device=rotation.device)
-        return result
 
     def energy(self, rotation: wp.array[wp.mat33d]) -> float:
         """Its value at these rotations (n,)."""

@@ -196,6 +196,14 @@ def test_smooth_rotations_differ_less() -> None:
     assert jumps[1] < 0.8 * jumps[0]
 
 
+def test_lightly_smoothed_rotations_arrive_in_few_steps() -> None:
+    deformer, handles = bent_bar()
+    ten, many = (deformer.solve(handles, refine=Arap(steps, smooth=1e-4)).refined for steps in (10, 300))
+    assert ten is not None
+    assert many is not None
+    assert ten.energies[-1] < 1.03 * many.energies[-1]
+
+
 def test_many_steps_end_where_the_gradient_is_zero() -> None:
     deformer, handles = bent_bar()
     solution = deformer.solve(handles, refine=400)
