@@ -185,7 +185,7 @@ def main(given: Options) -> None:
         "standard cases at equal targets, from arrays to positions. ARAP: spokes and rims, a third of libigl's energy; "
         "dihedral: RMS change in degrees; edge: RMS change; s: factors by which triangles stretch; handle: of the box"
     )
-    print(f"\n{claim}\n\nours, smooth = {SMOOTH:g} / steps, over libigl in the wall time of its steps, below 1 is better")
+    print(f"\n{claim}\n\nours, smooth = {SMOOTH:g} / steps, over libigl in the time of its steps, below 1 is better")
     show(verdicts(rows))
     save(f"survey-{'cuda' if given.device.is_cuda else 'cpu'}", claim, rows, given.device)
 

@@ -32,7 +32,7 @@ SOLVERS: dict[str, Any] = {
 MULTIGRID_FROM = 4_000
 """Nodes from which a hierarchy pays for itself in one solve."""
 
-DIRECT_UP_TO = 30_000
+DIRECT_UP_TO = 60_000
 """Nodes up to which factors are made and used once in less time than a hierarchy, on one core."""
 
 DIRECT_AGAIN_UP_TO = 250_000
@@ -49,7 +49,7 @@ def default_solver(graph: Graph, solves: int = 1) -> Solver:
     """The fastest solver that needs nothing else installed; measured, see docs/solvers.md.
 
     solves: how many right-hand sides the same pins will have. On a CPU the edges of a surface are factorised,
-    SuperLU(), up to 30,000 nodes, and up to 250,000 for 10 solves or more. Elsewhere CG() below 4,000 nodes and
+    SuperLU(), up to 60,000 nodes, and up to 250,000 for 10 solves or more. Elsewhere CG() below 4,000 nodes and
     Multigrid() from there on: a GPU, and a graph that is no surface, whose factors may fill up.
     """
     limit = DIRECT_UP_TO if solves < MANY else DIRECT_AGAIN_UP_TO

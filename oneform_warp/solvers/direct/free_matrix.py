@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from oneform_warp.graph import Graph
 from oneform_warp.solvers.rows import power_of_two
 from oneform_warp.solvers.system import System
 
@@ -23,8 +25,8 @@ class FreeMatrix:
 
     nodes: NDArray[np.int64]
     """The node of each row, (k,), ascending."""
-    upper: Any
-    """The upper triangle with the diagonal, a scipy csr_array (k, k) with sorted rows and int32 indices."""
+    full: Any
+    """The whole matrix, a scipy csr_array (k, k) with sorted rows and int32 indices."""
     scale: float
 
     @property
@@ -32,11 +34,16 @@ class FreeMatrix:
         """Rows, k."""
         return len(self.nodes)
 
+    @cached_property
+    def upper(self) -> Any:
+        """The upper triangle with the diagonal, like `full`."""
+        from scipy.sparse import triu
+
+        return triu(self.full, format="csr")
+
     @classmethod
     def of(cls, system: System) -> FreeMatrix:
         """Made on the host, whatever the device of the graph."""
-        from scipy.sparse import coo_array
-
         graph = system.graph
         tail, head, mu = graph.tail.numpy(), graph.head.numpy(), graph.mu.numpy()
         count = graph.node_count
@@ -45,16 +52,28 @@ class FreeMatrix:
         diagonal = np.bincount(tail, mu, count) + np.bincount(head, mu, count)
         attachment = scale * system.attachment.numpy() if system.attachment.shape[0] else np.zeros(count)
         nodes = _free_nodes(system, attachment, diagonal)
-        row_of = np.full(count, -1, dtype=np.int32)
-        row_of[nodes] = own = np.arange(len(nodes), dtype=np.int32)
-        i, j = row_of[tail], row_of[head]
-        kept = (i >= 0) & (j >= 0)
-        i, j = np.minimum(i[kept], j[kept]), np.maximum(i[kept], j[kept])
-        values = np.concatenate([(diagonal + attachment)[nodes], -mu[kept]])
-        where = np.concatenate([own, i]), np.concatenate([own, j])
-        upper = coo_array((values, where), shape=(len(nodes), len(nodes))).tocsr()
-        upper.sort_indices()
-        return cls(nodes, upper, scale)
+        return cls(nodes, _rows(graph, nodes, (diagonal + attachment)[nodes], mu), scale)
+
+
+def _rows(graph: Graph, nodes: NDArray[np.int64], diagonal: NDArray[np.float64], mu: NDArray[np.float64]) -> Any:
+    """The rows of the graph's half-edges between these nodes, with a diagonal (k,) in its place in each."""
+    from scipy.sparse import csr_array
+
+    size = len(nodes)
+    row_of = np.full(graph.node_count, -1, dtype=np.int32)
+    row_of[nodes] = np.arange(size, dtype=np.int32)
+    row, column = np.repeat(row_of, np.diff(graph.offsets.numpy())), row_of[graph.neighbours.numpy()]
+    kept = np.flatnonzero((row >= 0) & (column >= 0))
+    row, column, incident = row[kept], column[kept], graph.incident.numpy()[kept]
+    below = column < row
+    starts = np.concatenate([[0], np.cumsum(np.bincount(row, minlength=size) + 1)])
+    # In each row before, and in this one before what is above it, a diagonal stands.
+    place = np.arange(len(kept)) + row + ~below
+    middle = starts[:-1] + np.bincount(row[below], minlength=size)
+    indices, data = np.empty(starts[-1], dtype=np.int32), np.empty(starts[-1])
+    indices[place], data[place] = column, -mu[np.maximum(incident, ~incident)]
+    indices[middle], data[middle] = np.arange(size), diagonal
+    return csr_array((data, indices, starts.astype(np.int32)), shape=(size, size))
 
 
 def _free_nodes(system: System, attachment: NDArray[np.float64], diagonal: NDArray[np.float64]) -> NDArray[np.int64]:

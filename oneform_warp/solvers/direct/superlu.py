@@ -34,16 +34,16 @@ class SuperLU(Direct):
 
 
 def _factorise(matrix: FreeMatrix) -> Substitution:
-    from scipy.sparse import diags_array
+    from scipy.sparse import csc_array
     from scipy.sparse.linalg import splu
 
     if not matrix.size:
         return np.zeros_like
-    full = matrix.upper + matrix.upper.T - diags_array(matrix.upper.diagonal())
+    rows = matrix.full
     try:
         # The pattern is symmetric and the diagonal positive: order for A + A^T, and take the pivots where they stand.
         factors = splu(
-            full.tocsc(),
+            csc_array((rows.data, rows.indices, rows.indptr), shape=rows.shape),  # symmetric: its rows are its columns
             permc_spec="MMD_AT_PLUS_A",
             diag_pivot_thresh=0.0,
             panel_size=PANEL,
