@@ -58,7 +58,8 @@ def scan(counts: wp.array[wp.int32]) -> tuple[wp.array[wp.int32], int]:
 
 def sort_by_key(keys: wp.array[Any]) -> tuple[wp.array[Any], wp.array[wp.int32]]:
     """Keys (int32 or int64, >= 0) -> (sorted keys, the place each came from), stable."""
-    count, device = keys.shape[0], keys.device
+    device: Any = keys.device
+    count = keys.shape[0]
     if count == 0:
         return keys, wp.zeros(0, dtype=wp.int32, device=device)
     if not device.is_cuda and count < FEW:
