@@ -95,6 +95,8 @@ def scene(kind: str, seed: int, device: str = "cpu") -> tuple[ow.Graph, np.ndarr
         x, faces = ow.shapes.bumpy_plane(6, 5)
     else:
         x, faces = ow.shapes.sphere(1)
+    if kind == "pinched":
+        x[faces[0][1]] = x[faces[0][0]]  # welded: two triangles have a node twice
     extra = [[0, 7], [3, 20]] if kind == "struts" else None
     graph = ow.Graph.from_faces(x, faces, extra_edges=extra, extra_weight=0.3, device=device)
     rest = graph.nodes_from(x).numpy()
@@ -121,7 +123,7 @@ def cells_of(kind: str, graph: ow.Graph, rest: np.ndarray) -> Cells:
     return edge_cells(graph) if kind == "spokes" else face_cells(graph, nodes)
 
 
-@pytest.mark.parametrize("kind", ["triangles", "quads", "open", "struts"])
+@pytest.mark.parametrize("kind", ["triangles", "quads", "open", "struts", "pinched"])
 @pytest.mark.parametrize("spokes", ["spokes", "rims"])
 def test_the_energy_is_the_sum_over_cells(kind: str, spokes: str) -> None:
     graph, rest, x = scene(kind, 3)
@@ -154,7 +156,7 @@ def test_on_triangles_it_is_a_third_of_the_spokes_and_rims_energy() -> None:
     assert 3.0 * fit.energy == pytest.approx(expected, rel=SUMS)
 
 
-@pytest.mark.parametrize("kind", ["quads", "open", "struts"])
+@pytest.mark.parametrize("kind", ["quads", "open", "struts", "pinched"])
 @pytest.mark.parametrize("spokes", ["spokes", "rims"])
 def test_the_residual_is_half_the_falling_gradient(kind: str, spokes: str) -> None:
     graph, rest, x = scene(kind, 8)
