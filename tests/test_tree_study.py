@@ -10,17 +10,20 @@ import pytest
 import warp as wp
 
 from bench.tree import journal as journals
+from bench.tree import page
 from bench.tree.cases import Case, Problem, Shape
 from bench.tree.low_stretch import akpw, shortest_paths
 from bench.tree.others import flow, image_editing, laplacian_editing, poisson_editing
-from bench.tree.seeds import SEEDS
+from bench.tree.seeds import BEST, SEEDS
 from bench.tree.theory import predict
 from bench.tree.trace import SOLVERS, TOLERANCES, trace
 from bench.tree.transfer import Jumping
+from bench.tree.used import line
 from oneform_warp.forms import node_codifferential, node_energy
 from oneform_warp.tree import integrate_nodes, spanning_tree
 
 CPU = wp.get_device("cpu")
+OF_BEST = ("rest", "rings", "held: min depth", "held: maximal", "held: resistance")
 TREES = [seed for seed in SEEDS if seed.tree is not None and seed.name.startswith("held")]
 
 
@@ -144,3 +147,52 @@ def test_a_journal_goes_on_where_it_was(tmp_path: Path, monkeypatch: pytest.Monk
     assert again.has("curve", "a")
     again.once("curve", "a", lambda: pytest.fail("done already"))
     assert again.rows("curve") == [{"x": 1.2346, "y": [None, 2]}]
+
+
+def test_every_marked_table_of_the_page_is_known() -> None:
+    found = page.MARKED.findall(page.PAGE.read_text())
+    assert len(found) == page.PAGE.read_text().count("<!-- table") == page.PAGE.read_text().count("<!-- end -->")
+    assert found
+    for _, device, name, body, _ in found:
+        assert device in ("cpu", "cuda")
+        assert name in page.TABLES
+        assert body.startswith("| ")
+
+
+def test_a_table_is_made_new_in_place_and_only_where_its_rows_are(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(journals, "RESULTS", tmp_path)
+    journal = journals.Journal("tree-cpu")
+    timing = {"mesh": "sphere:6", "nodes": 40962, "energy s": 0.002}
+    journal.once("transfer", "sphere:6", lambda: [timing])
+    old = "| old |\n"
+    text = "".join(
+        f"Before.\n<!-- table: {where} -->\n{old}<!-- end -->\nAfter.\n"
+        for where in ("cpu, transfer", "cuda, transfer", "cpu, energies")
+    )
+    new = page.refreshed(text, "cpu", journal)
+    assert "| energy | 2 |" in new
+    assert new.count(old) == 2
+    assert page.refreshed(new, "cpu", journal) == new
+    assert new.count("Before.") == new.count("After.") == 3
+    with pytest.raises(KeyError):
+        page.refreshed("<!-- table: cpu, nothing -->\n<!-- end -->", "cpu", journal)
+
+
+@pytest.mark.parametrize("path", sorted((page.PAGE.parent).glob("*.md")), ids=lambda path: path.name)
+def test_no_template_is_left_in_the_docs(path: Path) -> None:
+    assert "{{" not in path.read_text()
+
+
+def test_the_best_of_several_has_the_least_energy() -> None:
+    at = problem()
+    seeds = {seed.name: seed for seed in SEEDS}
+    energy = {name: node_energy(at.graph, seeds[name].make(at), at.v)[0] for name in (*OF_BEST, BEST)}
+    assert energy[BEST] == min(energy[name] for name in OF_BEST)
+
+
+def test_a_line_goes_through_most_points() -> None:
+    points = [(count, 3.0 + 2.0 * count) for count in (0, 5, 5, 9)] + [(7, 100.0)]
+    assert line(points) == pytest.approx((3.0, 2.0))
+    assert line([(4, 7.0), (4, 8.0), (4, 30.0)]) == (8.0, 0.0)

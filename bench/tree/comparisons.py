@@ -49,7 +49,7 @@ def over_rest(cases: Iterable[dict[str, Row]], seeds: Iterable[str], column: str
 
 
 def _and_extremes(values: list[float]) -> str:
-    return f"{spread(values)}, {min(values):.2g} to {max(values):.2g}" if values else ""
+    return f"{spread(values, 3)}, {min(values):.3g} to {max(values):.3g}" if values else ""
 
 
 def by_mesh(rows: Rows) -> str:

@@ -43,13 +43,22 @@ def _case(mesh: str, kind: str, amount: float) -> Table:
     return lambda journal: tables.one_case(journal.rows("curve"), mesh, kind, amount, SHOWN)
 
 
-def _iterations(solver: str, goal: str = "residual", tol: int = tables.MIDDLE) -> Table:
-    return lambda journal: tables.iterations(journal.rows("curve"), solver, goal, tol)
+def _iterations(solver: str) -> Table:
+    return lambda journal: tables.iterations(journal.rows("curve"), solver)
+
+
+def _position(solver: str) -> Table:
+    return lambda journal: tables.iterations(_shown(journal), solver, "position", 0)
+
+
+def _shown(journal: Journal) -> tables.Rows:
+    return [row for row in journal.rows("curve") if row["seed"] in ("zero", *SHOWN)]
 
 
 def _others(journal: Journal) -> str:
-    """At the larger of the angles."""
-    rows = [row for row in journal.rows("others") if row.get("degrees", row["amount"]) != 10.0]
+    """At the larger of the angles, without the smallest sphere."""
+    rows = journal.rows("others")
+    rows = [row for row in rows if row.get("degrees", row["amount"]) != 10.0 and row["mesh"] != "sphere:4"]
     return tables.others([row for row in rows if row["seed"] in ELSEWHERE])
 
 
@@ -64,8 +73,8 @@ TABLES: dict[str, Table] = {
     "iterations, plain CG": _iterations("plain CG"),
     "iterations, Jacobi": _curve(comparisons.slow),
     "by noise": _curve(comparisons.by_noise),
-    "position, multigrid": _iterations("multigrid", "position", 0),
-    "position, Jacobi CG": _iterations("Jacobi CG", "position", 0),
+    "position, multigrid": _position("multigrid"),
+    "position, Jacobi CG": _position("Jacobi CG"),
     "by mesh, Jacobi CG": _curve(comparisons.by_mesh),
     "by tolerance": _curve(comparisons.by_tolerance),
     "by size": _curve(comparisons.by_size),
@@ -96,6 +105,9 @@ def refreshed(text: str, device: str, journal: Journal) -> str:
     return MARKED.sub(table, text)
 
 
-def refresh(device: str, journal: Journal) -> None:
-    """In docs/tree-study.md."""
-    PAGE.write_text(refreshed(PAGE.read_text(), device, journal))
+def refresh() -> None:
+    """docs/tree-study.md from the journals of all devices that are there."""
+    text = PAGE.read_text()
+    for device in ("cpu", "cuda"):
+        text = refreshed(text, device, Journal(f"tree-{device}"))
+    PAGE.write_text(text)

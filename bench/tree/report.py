@@ -6,7 +6,7 @@ from bench.tree.journal import Journal
 from bench.tree.page import TABLES, refresh
 
 
-def main(journal: Journal, device: str, *, full: bool, figures: bool = True) -> None:
+def main(journal: Journal, *, full: bool, figures: bool = True) -> None:
     """Writes bench/results/NAME.md and figures; of the full form into docs, where the page has its tables."""
     made = {name: table(journal) for name, table in TABLES.items()}
     text = "\n\n".join(f"## {name}\n\n{table}" for name, table in made.items() if table)
@@ -18,4 +18,4 @@ def main(journal: Journal, device: str, *, full: bool, figures: bool = True) -> 
 
         draw(journal)
         if full:
-            refresh(device, journal)
+            refresh()

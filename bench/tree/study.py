@@ -224,4 +224,4 @@ def main(given: Options) -> None:
     for name, part in PARTS.items():
         if not named or name in named:
             part(given, journal)
-    report.main(journal, where, full=given.full, figures=not named or "figures" in named)
+    report.main(journal, full=given.full, figures=not named or "figures" in named)
