@@ -14,7 +14,9 @@ import oneform_warp as ow
 from oneform_warp.cycles import node_energies, short_cycle_misses
 from oneform_warp.forms import node_differential
 from oneform_warp.graph import Graph
+from oneform_warp.rings import Rings, integrate_rings
 from oneform_warp.starts import STARTS, Problem, worthwhile
+from oneform_warp.tree import spanning_tree
 
 TWIST = np.radians(90.0)
 
@@ -186,6 +188,16 @@ def test_graphs_are_forgotten_with_their_trees_and_cycles() -> None:
     del graph
     gc.collect()
     assert gone() is None
+
+
+def test_rings_that_are_kept_integrate_another_form_as_new_ones_do() -> None:
+    graph, rest, held, v = bar()
+    tree = spanning_tree(graph, roots=graph.vertex_at[held])
+    rings = Rings(tree)
+    for form, begin in ((v, rest), (2.0 * v, rest + 1.0), (v, rest)):
+        found = rings.integrate(rows(form), rows(begin)).numpy()
+        assert found.tobytes() == integrate_rings(tree, rows(form), rows(begin)).numpy().tobytes()
+        assert (found[held] == begin[held]).all()
 
 
 def test_other_pins_get_other_trees() -> None:
