@@ -55,7 +55,7 @@ def open3d(steps: int) -> ArapMethod:
     return ArapMethod(f"Open3D, {steps} steps", run)
 
 
-SMOOTH = 2.0e-4
+SMOOTH = 1.5e-4
 """Times the steps: how much rotations of neighbours pay for differing in `paced`."""
 
 
