@@ -101,7 +101,7 @@ def test_an_exact_form_starts_at_its_solution() -> None:
 
 
 @pytest.mark.parametrize(("noise", "taken"), [(1e-4, True), (1e-2, True), (1e-1, False)])
-def test_noise_decides_and_the_estimate_has_a_hundredth_of_the_energy_at_most(noise: float, taken: bool) -> None:
+def test_noise_decides_and_the_estimate_has_as_little_energy_as_asked_for(noise: float, taken: bool) -> None:
     graph, rest, held, v = bar(noise=noise)
     begin = rows(rest)
     start = auto(graph, begin, held, v)

@@ -155,3 +155,24 @@ def by_size(rows: Rows) -> str:
 
 def _time(seconds: float) -> str:
     return f"{seconds:.2g} s" if seconds >= 0.1 else f"{1e3 * seconds:.2g} ms"
+
+
+def default_and_all_seeds(rows: Rows, used: Rows) -> str:
+    """Multigrid in float64 from the start that the default rule took: cases by iterations more than the best seed's."""
+    took = {
+        tuple(row[k] for k in ("mesh", "kind", "amount", "weights")): "rings" if row["took"] == "rings" else "rest"
+        for row in used
+        if row["solver"] == "multigrid" and row["start"] == "auto"
+    }
+    found = [(took[key[:4]], case) for key, case in by_case(rows).items() if key[:4] in took]
+    lines = []
+    for name, left_out in (("all seeds", ()), ("all but the last frame", ("previous",))):
+        for tol, size in enumerate(TOLERANCES):
+            counts = [{seed: row["multigrid residual"][tol] for seed, row in case.items()} for _, case in found]
+            more = [
+                count[start] - min(n for seed, n in count.items() if seed not in left_out)
+                for (start, _), count in zip(found, counts, strict=True)
+            ]
+            lines.append([name, f"{size:.0e}", len(more), *(sum(m == k for m in more) for k in range(5))])
+    columns = ["against", "residual", "cases", "0 more", "1 more", "2 more", "3 more", "4 more"]
+    return markdown(columns, lines) if found else ""

@@ -86,6 +86,9 @@ TABLES: dict[str, Table] = {
     "theory": _curve(tables.theory),
     "stretch": _curve(tables.stretch),
     "default start": lambda journal: tables.default_start(journal.rows("used")),
+    "default start, all seeds": lambda journal: comparisons.default_and_all_seeds(
+        journal.rows("curve"), journal.rows("used")
+    ),
     "default start, the worst": lambda journal: tables.worst_starts(journal.rows("used")),
     "other algorithms": _others,
     "transfer": lambda journal: tables.transfer(journal.rows("transfer")),
