@@ -61,7 +61,7 @@ def timed(work: Callable[[], Any]) -> tuple[Any, Timing]:
 _QUIET = {"best": math.inf}
 
 
-def calm(patience: float = 5.0) -> None:
+def calm(patience: float = 1.0) -> None:
     """Waits until a small piece of work takes little longer than it ever did: cores may be shared with others."""
     numbers = np.arange(1_000_000.0)
     until = time.perf_counter() + patience
