@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -213,6 +214,23 @@ def test_mirrored_handles_and_presets_on_the_command_line(tmp_path: Path) -> Non
     recipe = {"presets": [{"preset": "twist", "angle": 90, "axis": "z"}]}
     (tmp_path / "recipe.toml").write_text(tomli_w.dumps(recipe))
     assert np.abs(run(tmp_path, "--recipe", str(tmp_path / "recipe.toml")) - expected).max() < WRITTEN
+
+
+@pytest.mark.parametrize("command", ["deform", "animate"])
+def test_mirrored_handles_are_drawn_and_reported(command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("oneform_warp.preview.by_polyscope", lambda *_: None)
+    monkeypatch.setattr("oneform_warp.movie.by_polyscope", lambda *_: None)
+    write_obj(tmp_path / "bar.obj", X)
+    side = (X[:, 2] > 0.9) & (X[:, 0] > 0.05)
+    twin = mirror(ow.Handle(side), X, "x")
+    files = {"deform": ["-o", "out.obj", "--preview", "a.png"], "animate": ["--preview", "a.gif", "--frames", "3"]}
+    monkeypatch.chdir(tmp_path)
+    handles = ["--hold", "z < 0.1", "--handle", "z > 0.9 && x > 0.05", "axis=y,angle=30,mirror=x"]
+    result = CliRunner().invoke(main, [command, "bar.obj", *files[command], *handles, "--report", "r.json"])
+    assert result.exit_code == 0, result.output
+    report = json.loads((tmp_path / "r.json").read_text())
+    told = report["handles"] if command == "deform" else report["keyframes"][-1]["handles"]
+    assert [each["vertices"] for each in told] == [FOOT.sum(), side.sum(), len(np.asarray(twin.vertices))]
 
 
 @pytest.mark.parametrize(

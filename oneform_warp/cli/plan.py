@@ -1,6 +1,6 @@
 """A mesh, its handles and a deformer: everything that is checked before the first kernel runs."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -53,8 +53,7 @@ class Plan:
 
     def vertices(self, *, held: bool) -> NDArray[np.bool_]:
         """The vertices (V,) of the handles that hold, or of the others."""
-        masks = [handle.vertices for handle in self.handles if handle.held == held]
-        return np.logical_or.reduce([np.zeros(len(self.mesh.positions), dtype=bool), *masks])
+        return touched([handle for handle in self.handles if handle.held == held], len(self.mesh.positions))
 
     def lines(self) -> list[str]:
         """One line for each handle: its name, vertices, box, and what it does."""
@@ -63,6 +62,14 @@ class Plan:
             points = self.mesh.positions[handle.vertices]
             lines.append(f"{spec.name}: {len(points):,} vertices ({box_text(points)}), {handle.describe()}")
         return lines
+
+
+def touched(handles: Iterable[Handle], vertex_count: int) -> NDArray[np.bool_]:
+    """The vertices (V,) that have a part in any of these handles."""
+    mask = np.zeros(vertex_count, dtype=bool)
+    for number, handle in enumerate(handles):
+        mask[handle.members(vertex_count, number)] = True
+    return mask
 
 
 def make_plan(

@@ -91,7 +91,7 @@ def _handle(plan: Plan, number: int) -> dict[str, Any]:
     return {
         "name": spec.name,
         "select": spec.select,
-        "vertices": int(np.count_nonzero(handle.vertices)),
+        "vertices": len(points),
         "box": [points.min(axis=0).tolist(), points.max(axis=0).tolist()],
         "held": handle.held,
         "rotation": None if handle.rotation is None else handle.rotation.tolist(),

@@ -13,7 +13,7 @@ from oneform_warp import __version__
 from oneform_warp.cli.constraint_spec import constraints_from
 from oneform_warp.cli.keyframes import END
 from oneform_warp.cli.mesh_facts import box_text
-from oneform_warp.cli.plan import check_faces, falloff_of, make_deformer, make_handles, solve_options
+from oneform_warp.cli.plan import check_faces, falloff_of, make_deformer, make_handles, solve_options, touched
 from oneform_warp.cli.preset_spec import presets_from
 from oneform_warp.cli.recipe import Asked
 from oneform_warp.cli.report import mesh_line
@@ -76,8 +76,8 @@ class Story:
 
     def vertices(self, *, held: bool) -> NDArray[np.bool_]:
         """The vertices (V,) of the handles that hold, or of the others."""
-        masks = [handle.vertices for each in self.keys.values() for handle in each if handle.held == held]
-        return np.logical_or.reduce([np.zeros(len(self.mesh.positions), dtype=bool), *masks])
+        handles = [handle for each in self.keys.values() for handle in each if handle.held == held]
+        return touched(handles, len(self.mesh.positions))
 
     def lines(self) -> list[str]:
         """One line for each handle of each key."""
@@ -112,7 +112,10 @@ class Story:
             "vertices": graph.vertex_count,
             "edges": graph.edge_count,
             "settings": asdict(self.settings),
-            "keyframes": [{"t": t, "handles": [_told(each) for each in self.keys[t]]} for t in sorted(self.keys)],
+            "keyframes": [
+                {"t": t, "handles": [_told(each, graph.vertex_count) for each in self.keys[t]]}
+                for t in sorted(self.keys)
+            ],
             "fps": self.fps,
             "converged": self.converged,
             "frames": self.went,
@@ -141,5 +144,6 @@ def make_story(
     return Story(mesh, handles, Keyframes(make_deformer(mesh, settings), handles), settings, frames, fps, held)
 
 
-def _told(handle: Handle) -> dict[str, Any]:
-    return {"name": handle.name, "vertices": int(np.count_nonzero(handle.vertices)), "text": handle.describe()}
+def _told(handle: Handle, vertex_count: int) -> dict[str, Any]:
+    vertices = int(touched([handle], vertex_count).sum())
+    return {"name": handle.name, "vertices": vertices, "text": handle.describe()}
