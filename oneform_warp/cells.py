@@ -21,6 +21,10 @@ AGREES = 1.0e-6
 """Relative: by how much mu may differ from cotangents that it was made of."""
 
 
+LARGEST = 64
+"""Corners of a cell: all of them are coupled with each other, so that a face of thousands would cost millions."""
+
+
 @dataclass(frozen=True, eq=False)
 class Meetings:
     """Ordered pairs of nodes that meet in a cell, by first node, and the corners with which they do."""
@@ -205,7 +209,7 @@ def edge_cells(graph: Graph) -> Cells:
 
 
 def face_cells(graph: Graph, rest: wp.array[wp.vec3d]) -> Cells:
-    """Every polygon a cell, and every edge that was listed besides: spokes and rims.
+    """Every polygon a cell, or several where it is large, and every edge that was listed besides: spokes and rims.
 
     Where mu are cotangents each triangle has those of its own angles, clamped or not: its part of the energy is then
     Dirichlet's, which is never negative. Otherwise the polygons of an edge have equal shares of its mu. rest: positions
@@ -223,12 +227,47 @@ def face_cells(graph: Graph, rest: wp.array[wp.vec3d]) -> Cells:
     own = directed[on_faces:]
     proper = edge[on_faces:] >= 0
     pairs, own, mu = _struts(graph, own[proper]), own[proper], listed[proper]
+    sides = np.where(edge[:on_faces] < 0, 0, directed[:on_faces])
+    sizes, corners, sides, weight = _in_runs(np.diff(offsets), corners, sides, weight)
     return Cells.of(
         graph,
-        np.concatenate([np.diff(offsets), np.full(len(own), 2)]),
+        np.concatenate([sizes, np.full(len(own), 2)]),
         np.concatenate([corners, pairs.ravel()]),
-        np.concatenate([np.where(edge[:on_faces] < 0, 0, directed[:on_faces]), np.stack([own, ~own], axis=1).ravel()]),
+        np.concatenate([sides, np.stack([own, ~own], axis=1).ravel()]),
         np.concatenate([weight, np.stack([mu, np.zeros(len(own))], axis=1).ravel()]),
+    )
+
+
+def _in_runs(
+    sizes: NDArray[np.int64], corners: NDArray[np.int64], edge: NDArray[np.int64], weight: NDArray[np.float64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
+    """Sizes of rings and their corners, edges and weights, with rings of more than LARGEST corners cut into runs.
+
+    A run ends with the corner where the next one begins, and is closed by a chord of weight 0.
+    """
+    if sizes.max(initial=0) <= LARGEST:
+        return sizes, corners, edge, weight
+    ends = np.cumsum(sizes)
+    rings: list[tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]] = []
+    for begin, end in zip((ends - sizes).tolist(), ends.tolist(), strict=True):
+        if end - begin <= LARGEST:
+            rings.append((corners[begin:end], edge[begin:end], weight[begin:end]))
+            continue
+        for first in range(begin, end, LARGEST - 1):
+            last = min(first + LARGEST - 1, end)
+            closing = corners[begin if last == end else last]
+            rings.append(
+                (
+                    np.append(corners[first:last], closing),
+                    np.append(edge[first:last], 0),
+                    np.append(weight[first:last], 0.0),
+                )
+            )
+    return (
+        np.array([len(ring[0]) for ring in rings]),
+        np.concatenate([ring[0] for ring in rings]),
+        np.concatenate([ring[1] for ring in rings]),
+        np.concatenate([ring[2] for ring in rings]),
     )
 
 

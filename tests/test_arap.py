@@ -13,9 +13,10 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 import oneform_warp as ow
+from oneform_warp import cells as cells_module
 from oneform_warp.arap import Arap, Ending, field_rotations, nearest_vectors
 from oneform_warp.arap_energy import CellEnergy, Fit
-from oneform_warp.cells import Cells, edge_cells, face_cells
+from oneform_warp.cells import LARGEST, Cells, edge_cells, face_cells
 from oneform_warp.forms import node_differential
 from oneform_warp.procrustes import nearest_rotation
 from oneform_warp.solvers import State
@@ -342,3 +343,30 @@ def test_a_single_pin_stays_where_it_is(solver: Any, move: Any, device: str) -> 
     assert np.linalg.norm(y - y[0], axis=1).max() < 1.2 * np.linalg.norm(x - x[0], axis=1).max()
     neighbours = np.unique(np.asarray(faces)[(np.asarray(faces) == 0).any(axis=1)])
     assert np.linalg.norm(y[neighbours] - y[0], axis=1).max() < 2.0 * np.linalg.norm(x[neighbours] - x[0], axis=1).max()
+
+
+def test_large_faces_turn_in_runs(monkeypatch: pytest.MonkeyPatch, device: str) -> None:
+    count = 150
+    angle = np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)
+    ring = np.stack([np.cos(angle), np.sin(angle), 0.0 * angle], axis=1)
+    x, turn = np.concatenate([ring, ring + [0.0, 0.0, 1.0]]), (np.arange(count) + 1) % count
+    sides = [[i, turn[i], count + turn[i], count + i] for i in range(count)]
+    faces = [list(range(count))[::-1], list(range(count, 2 * count)), *sides]
+    graph = ow.Graph.from_faces(x, faces, device=device)
+    nodes = graph.nodes_from(x)
+    made = face_cells(graph, nodes)
+    offsets, corners, edge, weight = (a.numpy() for a in (made.offsets, made.corners, made.edge, made.weight))
+    assert np.diff(offsets).max() == LARGEST
+    # Each edge joins its corner with the next one of the ring; chords have no weight.
+    following = np.arange(1, len(corners) + 1)
+    following[offsets[1:] - 1] = offsets[:-1]
+    undirected = np.maximum(edge, ~edge)
+    ends = np.stack([graph.tail.numpy()[undirected], graph.head.numpy()[undirected]], axis=1)
+    ends[edge < 0] = ends[edge < 0][:, ::-1]
+    joined = np.stack([corners, corners[following]], axis=1)
+    np.testing.assert_array_equal(ends[weight != 0.0], joined[weight != 0.0])
+    sums = np.bincount(undirected, weight, graph.edge_count)
+    np.testing.assert_allclose(sums, graph.mu.numpy(), rtol=1e-12)
+    monkeypatch.setattr(cells_module, "LARGEST", 10 * count)
+    whole = face_cells(graph, nodes)
+    assert np.diff(whole.offsets.numpy()).max() == count
